@@ -181,27 +181,45 @@ class _Use(NamedTuple):
     node: ast.Attribute
     path: str
 
+    @property
+    def where(self) -> tuple[str, int, int]:
+        """Its place, to sort by."""
+        return (self.path, self.node.lineno, self.node.col_offset)
+
 
 def _check_uses(cls: type[Reactor], reaction: Reaction, body: FunctionType) -> None:
     """Refuse a body that uses a part which its reaction does not declare."""
     read = {part.name for part in (*reaction.triggers, *reaction.sources) if _is_part(part)}
     effects = [it.mode if isinstance(it, History) else it for it in reaction.effects]
     written = {part.name for part in effects if _is_part(part)}
-    for use in _uses(cls, body, set()):
+    missing: dict[str, tuple[_Use, Part, str]] = {}
+    for use in sorted(_uses(cls, body, set()), key=lambda it: it.where):
         part = cls._hprm_parts_.get(use.name)
         if part is None or part.kind == "timer":
             continue
         if use.assigns or (use.assigns_of_it and use.of_it == "value"):
             _refuse_assignment(use, part)
-        missing = _missing(part, use, read, written)
-        if missing is not None:
-            raise ProgramError(
-                f"reaction {reaction.name} uses the {part.kind} `{use.name}`, which it does not"
-                " declare",
-                _place(use),
-                f"write @hprm.reaction({missing})",
-                _findings.UNNAMED,
-            )
+        argument = _missing(part, use, read, written)
+        if argument is not None:
+            missing.setdefault(part.name, (use, part, argument))
+    if missing:
+        first = next(iter(missing.values()))[0]
+        *others, last = (f"the {part.kind} `{name}`" for name, (_, part, _) in missing.items())
+        names = f"{', '.join(others)} and {last}" if others else last
+        raise ProgramError(
+            f"reaction {reaction.name} uses {names}, which it does not declare",
+            _place(first),
+            f"write @hprm.reaction(..., {_arguments(missing)})",
+            _findings.UNNAMED,
+        )
+
+
+def _arguments(missing: dict[str, tuple[_Use, Part, str]]) -> str:
+    """Return the arguments that declare these parts."""
+    lists: dict[str, list[str]] = {}
+    for name, (_, _, argument) in missing.items():
+        lists.setdefault(argument, []).append(name)
+    return ", ".join(f"{argument}=[{', '.join(names)}]" for argument, names in lists.items())
 
 
 def _is_part(named: object) -> bool:
@@ -209,17 +227,16 @@ def _is_part(named: object) -> bool:
 
 
 def _missing(part: Part, use: _Use, read: set[str], written: set[str]) -> str | None:
-    """Return what the reaction has to declare, if it does not."""
-    effect = f"..., effects=[{part.name}]"
+    """Return as what the reaction has to declare the part, if it does not."""
     match part.kind:
         case "input":
-            return None if part.name in read else f"..., sources=[{part.name}]"
+            return None if part.name in read else "sources"
         case "output" | "mode":
-            return None if part.name in written else effect
+            return None if part.name in written else "effects"
     if use.of_it == "schedule":
         is_physical = getattr(part, "physical", False)
-        return None if is_physical or part.name in written else effect
-    return None if part.name in read | written else f"..., sources=[{part.name}]"
+        return None if is_physical or part.name in written else "effects"
+    return None if part.name in read | written else "sources"
 
 
 def _refuse_assignment(use: _Use, part: Part) -> None:

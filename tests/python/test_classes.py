@@ -68,6 +68,12 @@ class Main(hprm.Reactor):
             "write @hprm.reaction(..., effects=[busy])",
         ),
         (
+            "self.doubled.set(self.other.value + self.again.value); self.busy.enter()  # here",
+            "reaction double uses the output `doubled`, the input `other`, the action `again`"
+            " and the mode `busy`, which it does not declare",
+            "write @hprm.reaction(..., effects=[doubled, busy], sources=[other, again])",
+        ),
+        (
             "self.doubled = 2  # here",
             "the output `doubled` cannot be assigned",
             "write self.doubled.set(...)",

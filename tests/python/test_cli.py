@@ -356,9 +356,7 @@ def test_an_rti_is_open_to_the_network_only_with_a_secret(hprm: Hprm) -> None:
     assert "--federation-file" in answer.stderr
 
 
-def test_an_address_that_cannot_be_used_says_why_and_what_to_do(
-    hprm: Hprm, tmp_path: Path
-) -> None:
+def test_an_address_that_cannot_be_used_says_why_and_what_to_do(hprm: Hprm, tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken, socket.socket(socket.AF_UNIX) as left:
         left.bind(str(tmp_path / "left"))
         port = taken.getsockname()[1]
