@@ -2,17 +2,17 @@
 
 A mutant is a text in this folder: what is wrong with it, a file, the lines that are replaced, and
 those that replace them. Behind the file, the text may name the test that is known to find it, as
-`model::boards`, which is run first then. This script puts each mutant into a copy of the pure
-crates, so the code that ships has no hooks for this; then it runs the tests of `crates/hprm-sim`,
-which must fail. A mutant is an error if its old lines are not there exactly once, or if it does not
-compile: it has to follow the code.
+`model::boards`, which is run first then. This script makes one copy of the pure crates, in which
+all mutants are and a variable of the environment chooses one (`schemata.py`); so the code that
+ships has no hooks for this. With each mutant, the tests of `crates/hprm-sim` must fail. A mutant is
+an error if its old lines are not there exactly once: it has to follow the code.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
-import queue
 import re
 import resource
 import shutil
@@ -21,19 +21,22 @@ import subprocess
 import sys
 import threading
 import time
+from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+from mutant import HUNTS, Mutant, Unusable
+from schemata import CHOICE, with_mutants
+
 ROOT = Path(__file__).resolve().parents[2]
 CRATES = ("hprm-core", "hprm-federated", "hprm-sim")
-HUNTS = ("seeds", "model")
-"""The tests of `hprm-sim` that look for faults, the quickest first."""
-
 RANDOM = "seeds::random_federations_do_what_their_program_does"
 """The test that finds most mutants."""
+
+SOUND = ("seeds", "relay")
+"""The tests that are also run without a mutant: then they must find nothing."""
 
 RELAY = "crates/hprm-federated/src/relay"
 """Links between machines; the test `relay` looks for their faults."""
@@ -42,12 +45,11 @@ PATIENCE = 600
 """Seconds of a processor for a test; if it takes longer, the mutant counts as found: it never
 ends."""
 
+QUICK = 30
+"""Seconds of a processor for the test that finds most of them soon; then all tests look for it."""
+
 STANDSTILL = 3600.0
 """Seconds after which a test is over that takes no processor either."""
-
-QUICK = 30
-"""Seconds of a processor for a test that is compiled in a moment and runs slowly: most mutants are
-found soon."""
 
 FAULT = re.compile(r"seed (\d+): (.*)|(\w+: .*), in state (\d+), after")
 """How a test names a fault: then it need not look for others."""
@@ -57,190 +59,148 @@ RUNNING: set[int] = set()
 """The groups of processes that have been started, and have not ended."""
 
 
-class Unusable(Exception):
-    """A mutant that no longer fits the code."""
-
-
-@dataclass(frozen=True)
-class Mutant:
-    """A fault: what is wrong, and the lines of code that cause it."""
-
-    name: str
-    what: str
-    file: str
-    old: str
-    new: str
-    found_by: str | None = None
-
-    @classmethod
-    def read(cls, path: Path) -> Mutant:
-        """Return the mutant that a file describes."""
-        what, file, *lines = path.read_text().splitlines()
-        old = "\n".join(line[1:] for line in lines if line.startswith("-"))
-        new = "\n".join(line[1:] for line in lines if line.startswith("+"))
-        if not what.startswith("# ") or not old:
-            raise Unusable(
-                f"{path.name} lacks the line that says what is wrong, or lines to replace"
-            )
-        file, *found_by = file.split()
-        if found_by and found_by[0].partition("::")[0] not in HUNTS:
-            raise Unusable(f"{path.name} names no test that looks for faults: {found_by}")
-        return cls(path.stem, what[2:], file, old, new, *found_by)
-
-    def ways(self, allowed: tuple[str, ...]) -> list[tuple[str, bool]]:
-        """Return the tests that look for it, and whether thoroughly, in the order of their runs."""
-        if self.file.startswith(RELAY):
-            return [("relay", False), ("relay", True)]
-        hunts = [(hunt, True) for hunt in allowed]
-        if self.found_by and self.found_by.partition("::")[0] in allowed:
-            return [(self.found_by, True), *hunts]
-        # Models have so many states that only optimized code looks at them.
-        return [(RANDOM, False), *hunts] if "seeds" in allowed else hunts
-
-    def apply(self, text: str) -> str:
-        """Return the source text with the fault in it."""
-        found = text.count(self.old)
-        if found != 1:
-            raise Unusable(
-                f"{self.name}: its old lines occur {found} times in {self.file}, not once"
-            )
-        return text.replace(self.old, self.new)
+def ways(mutant: Mutant, allowed: tuple[str, ...]) -> list[tuple[str, int]]:
+    """Return the tests that look for a mutant, in their order, and how long each may take."""
+    if mutant.file.startswith(RELAY):
+        return [("relay", PATIENCE)]
+    hunts = [(hunt, PATIENCE) for hunt in allowed]
+    if mutant.found_by and mutant.found_by.partition("::")[0] in allowed:
+        return [(mutant.found_by, PATIENCE), *hunts]
+    return [(RANDOM, QUICK), *hunts] if "seeds" in allowed else hunts
 
 
 class Copy:
-    """A copy of the pure crates, which has one mutant at a time."""
+    """A copy of the pure crates with all mutants in it, compiled."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, numbered: dict[int, Mutant]) -> None:
         self.folder = folder / "source"
         self.target = folder / "target"
         shutil.rmtree(self.folder, ignore_errors=True)
         for crate in CRATES:
-            # The copies are as old as this run. Cargo takes older files for those of its last
-            # build, which had another mutant.
+            # The copies are as old as this run: cargo would take older files for those of its last
+            # build.
             source, copy = ROOT / "crates" / crate, self.folder / "crates" / crate
             shutil.copytree(source, copy, copy_function=shutil.copyfile)
         manifest = (ROOT / "Cargo.toml").read_text()
-        manifest = manifest.replace('debug = "line-tables-only"', "debug = 0")
-        # Many builds and short runs: optimizing takes longer than it saves, but for what is not
-        # found soon.
-        manifest = manifest.replace("[profile.dev.package.", "[profile.thorough.package.")
-        manifest = manifest.replace("opt-level = 3", "opt-level = 1")
-        manifest += '\n[profile.thorough]\ninherits = "dev"\n'
-        (self.folder / "Cargo.toml").write_text(manifest)
+        (self.folder / "Cargo.toml").write_text(
+            manifest.replace('debug = "line-tables-only"', "debug = 0")
+        )
         shutil.copy(ROOT / "Cargo.lock", self.folder)
+        self._insert(numbered)
+        self.tests = self._compiled()
 
-    def hunt(self, mutant: Mutant, hunts: tuple[str, ...]) -> str | None:
+    def _insert(self, numbered: dict[int, Mutant]) -> None:
+        """Put the mutants into the files."""
+        of_files: dict[str, list[tuple[int, Mutant]]] = defaultdict(list)
+        for number, mutant in numbered.items():
+            of_files[mutant.file].append((number, mutant))
+        for file, mutants in of_files.items():
+            path = self.folder / file
+            crate = "crate" if file.startswith("crates/hprm-core/") else "hprm_core"
+            text = with_mutants(path.read_text(), mutants, f"{crate}::mutants::active")
+            path.write_text(text)
+        core = self.folder / "crates/hprm-core/src/lib.rs"
+        core.write_text(core.read_text() + CHOICE)
+
+    def _compiled(self) -> dict[str, Path]:
+        """Return where the tests of the simulation are."""
+        words = [f"--test={suite}" for suite in (*HUNTS, "relay")]
+        command = ["cargo", "test", "--quiet", "-p", "hprm-sim", *words, "--no-run"]
+        environment = os.environ | {"CARGO_TARGET_DIR": str(self.target), "CARGO_INCREMENTAL": "0"}
+        built = ran([*command, "--message-format=json"], self.folder, environment)
+        messages = [json.loads(line) for line in built.stdout.splitlines() if line[:1] == "{"]
+        if built.returncode != 0:
+            errors = (it.get("message", {}).get("rendered") for it in messages)
+            text = "".join(it for it in errors if it and it.startswith("error"))
+            raise Unusable(f"with the mutants, the tests do not compile:\n{text or built.stdout}")
+        tests = (it for it in messages if it.get("executable"))
+        return {it["target"]["name"]: Path(it["executable"]) for it in tests}
+
+    def check(self) -> None:
+        """Check that the tests find nothing if no mutant is chosen."""
+        for suite in SOUND:
+            if found := self._run(0, suite, PATIENCE):
+                raise Unusable(f"without a mutant, a test fails: {found}")
+
+    def hunt(self, number: int, mutant: Mutant, hunts: tuple[str, ...]) -> str | None:
         """Return which test finds the mutant, and at which seed or state; None if no test does."""
-        path = self.folder / mutant.file
-        original = path.read_text()
-        path.write_text(mutant.apply(original))
-        try:
-            found = (self.run(mutant, *how) for how in mutant.ways(hunts))
-            return next(filter(None, found), None)
-        finally:
-            path.write_text(original)
+        found = (self._run(number, *way) for way in ways(mutant, hunts))
+        return next(filter(None, found), None)
 
-    def run(self, mutant: Mutant, hunt: str, thoroughly: bool) -> str | None:
+    def _run(self, number: int, hunt: str, seconds: int) -> str | None:
         """Return the first fault that a test finds with the mutant; None if it finds none."""
         suite, _, test = hunt.partition("::")
-        words = ["--profile", "thorough" if thoroughly else "dev", "--test", suite]
-        built = self.cargo(*words, "--no-run")
-        if built.returncode != 0:
-            raise Unusable(f"{mutant.name} does not compile:\n{built.stdout}")
-        chosen = ["--exact", test] if test else []
-        seconds = None if thoroughly else QUICK
-        ran = self.cargo(*words, "--", "--nocapture", *chosen, until=FAULT, seconds=seconds)
-        match = FAULT.search(ran.stdout)
-        if ran.returncode == 0 or not (match or thoroughly):
+        command = [str(self.tests[suite]), "--nocapture", *(["--exact", test] if test else [])]
+        environment = os.environ | {"HPRM_MUTANT": str(number), "RUST_BACKTRACE": "0"}
+        folder = self.folder / "crates" / "hprm-sim"
+        done = ran(command, folder, environment, until=FAULT, seconds=seconds)
+        match = FAULT.search(done.stdout)
+        if done.returncode == 0 or not (match or seconds == PATIENCE):
             return None
         if not match:
-            return f"{hunt}: " + " ".join(ran.stdout.split()[-12:])
+            return f"{hunt}: " + " ".join(done.stdout.split()[-12:])
         seed, wrong, told, states = match.groups()
         found = f"seed {seed}" if seed else f"state {states}"
         return f"{found:<12} {shortened(wrong or told)}"
 
-    def cargo(
-        self, *words: str, until: re.Pattern[str] | None = None, seconds: int | None = None
-    ) -> subprocess.CompletedProcess[str]:
-        """Run the tests of the simulation in the copy, up to a line that is looked for.
 
-        They may take so many ``seconds`` of a processor.
-        """
-        command = ["cargo", "test", "--quiet", "-p", "hprm-sim", *words]
-        limit = PATIENCE if seconds is None else seconds
-        environment = os.environ | {
-            "CARGO_INCREMENTAL": "1",
-            "CARGO_TARGET_DIR": str(self.target),
-            "RUST_BACKTRACE": "0",
-        }
-        with subprocess.Popen(
-            command,
-            cwd=self.folder,
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            preexec_fn=lambda: begin(limit),
-        ) as process:
-            assert process.stdout is not None
-            RUNNING.add(process.pid)
-            watchdog = threading.Timer(STANDSTILL, os.killpg, (process.pid, signal.SIGKILL))
-            watchdog.start()
-            lines = []
-            for line in process.stdout:
-                lines.append(line)
-                if until and until.search(line):
-                    os.killpg(process.pid, signal.SIGKILL)
-                    break
-            code = process.wait()
-            watchdog.cancel()
-            RUNNING.discard(process.pid)
-        return subprocess.CompletedProcess(command, code, "".join(lines))
+def ran(
+    command: list[str],
+    folder: Path,
+    environment: dict[str, str],
+    until: re.Pattern[str] | None = None,
+    seconds: int = PATIENCE,
+) -> subprocess.CompletedProcess[str]:
+    """Run a command, up to a line that is looked for.
+
+    It may take so many ``seconds`` of a processor.
+    """
+    with subprocess.Popen(
+        command,
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        preexec_fn=lambda: begin(seconds),
+    ) as process:
+        assert process.stdout is not None
+        RUNNING.add(process.pid)
+        watchdog = threading.Timer(STANDSTILL, os.killpg, (process.pid, signal.SIGKILL))
+        watchdog.start()
+        lines = []
+        for line in process.stdout:
+            lines.append(line)
+            if until and until.search(line):
+                os.killpg(process.pid, signal.SIGKILL)
+                break
+        code = process.wait()
+        watchdog.cancel()
+        RUNNING.discard(process.pid)
+    return subprocess.CompletedProcess(command, code, "".join(lines))
 
 
-class Copies:
-    """Copies of the pure crates, each of which has one mutant at a time."""
+def hunted(copy: Copy, numbered: dict[int, Mutant], hunts: tuple[str, ...]) -> list[str | None]:
+    """Hunt mutants side by side; return of each what finds it, and None if nothing does."""
 
-    def __init__(self, folder: Path, number: int) -> None:
-        self.number = number
-        self.free: queue.SimpleQueue[Copy] = queue.SimpleQueue()
-        first, *others = (Copy(folder / str(index)) for index in range(number))
-        built = first.cargo("--no-run")
-        if built.returncode == 0:
-            built = first.cargo("--profile", "thorough", "--no-run")
-        if built.returncode != 0:
-            raise Unusable(f"without a mutant, the tests do not compile:\n{built.stdout}")
-        self.free.put(first)
-        for copy in others:
-            # So what the crates depend on is compiled once.
-            shutil.rmtree(copy.target, ignore_errors=True)
-            shutil.copytree(first.target, copy.target, symlinks=True)
-            self.free.put(copy)
+    def hunted_one(number: int) -> str | None:
+        begun = time.monotonic()
+        found = copy.hunt(number, numbered[number], hunts)
+        seconds = time.monotonic() - begun
+        what = numbered[number].what
+        print(f"{what:<68} {seconds:4.0f} s  {found or 'NOT FOUND'}", flush=True)
+        return found
 
-    def hunt(self, mutants: list[Mutant], hunts: tuple[str, ...]) -> list[str | None]:
-        """Check mutants side by side; return of each what finds it, and None if nothing does."""
-
-        def checked(mutant: Mutant) -> str | None:
-            copy = self.free.get()
-            begun = time.monotonic()
-            try:
-                found = copy.hunt(mutant, hunts)
-            finally:
-                self.free.put(copy)
-            seconds = time.monotonic() - begun
-            print(f"{mutant.what:<68} {seconds:4.0f} s  {found or 'NOT FOUND'}", flush=True)
-            return found
-
-        # Those that simulation does not find soon take longest, and begin first.
-        mutants = sorted(mutants, key=lambda mutant: mutant.found_by is None)
-        with ThreadPoolExecutor(self.number) as pool:
-            return list(pool.map(checked, mutants))
+    # Those that simulation does not find soon take longest, and begin first.
+    order = sorted(numbered, key=lambda number: numbered[number].found_by is None)
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        return list(pool.map(hunted_one, order))
 
 
 def begin(limit: int) -> None:
     """Be a group of processes, each of which may take so many seconds of a processor.
 
-    A test is a child of cargo: both end at once.
+    What it has started ends with it.
     """
     # A session of its own would have its own share of the processors (`tests/beside.py`).
     os.setpgid(0, 0)
@@ -273,11 +233,13 @@ def main() -> int:
         signal.signal(number, stop)
     paths = sorted(Path(__file__).parent.glob("*.txt"))
     try:
-        mutants = [Mutant.read(path) for path in paths]
-        chosen = [mutant for mutant in mutants if mutant.name in (options.names or [mutant.name])]
-        copies = Copies(options.folder, min(os.cpu_count() or 1, max(1, len(chosen))))
+        numbered = dict(enumerate(map(Mutant.read, paths), 1))
+        copy = Copy(options.folder, numbered)
+        names = options.names or [it.name for it in numbered.values()]
+        chosen = {number: it for number, it in numbered.items() if it.name in names}
         hunts = (options.hunt,) if options.hunt else HUNTS
-        alive = copies.hunt(chosen, hunts).count(None)
+        copy.check()
+        alive = hunted(copy, chosen, hunts).count(None)
     except Unusable as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
