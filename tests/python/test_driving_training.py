@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import sys
 from pathlib import Path
@@ -11,11 +12,12 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples" / "driving"))
 
+from autopilot.agent import action_of
 from autopilot.detector import KINDS, SCALES, Detection
 from town.labels import Label
 from training.crops import BATCH, SIDE, TOLD, Crops, empty_targets, mark
 from training.curves import detector_curve, policy_curve
-from training.environment import Drives
+from training.environment import UNSEEN, Drives
 from training.judge_detector import Tally, count
 from training.pictures import pictures
 
@@ -72,6 +74,33 @@ def test_driving_on_is_rewarded_and_leaving_the_road_is_not() -> None:
     assert ends[1] and rewards[1] < -5.0
     assert total[0] > total[1]
     assert drives.views.shape == (2, 6, 64, 64) and drives.states.shape == (2, 8)
+
+
+def test_values_know_of_the_next_light_what_it_will_show() -> None:
+    drives = Drives(2, first_seed=1000)
+    drive = drives.drives[0]
+    while (line := drive.world.next_line) is None or line.kind != "light":
+        drive.step(np.array(action_of(*drive.expert.wants())))
+    left, limit, to_line, is_light, is_sign, *reds = drives.unseen()[0]
+    assert (
+        drives.unseen().shape == (2, UNSEEN) and 0.0 < min(left, limit) <= max(left, limit) <= 1.0
+    )
+    assert (is_light, is_sign) == (1.0, 0.0) and 0.0 < to_line <= 1.0
+    light = (line.junction, line.arrives_from)
+    frames = [drive.world.journey.frames + 20 * seconds for seconds in (0, 2, 4, 8, 16)]
+    assert reds == [drive.world.lights.colour(*light, frame) == "red" for frame in frames]
+
+
+def test_a_car_that_comes_too_fast_to_what_is_before_it_loses_by_that() -> None:
+    drive = Drives(1, first_seed=1000).drives[0]
+    straight_on = np.array(action_of(8.0, 0.0))
+    for _ in range(20):
+        drive.step(straight_on)
+    drive.expert.safe_speed = lambda: 100.0  # type: ignore[method-assign]
+    free, _ = copy.deepcopy(drive).step(straight_on)
+    drive.expert.safe_speed = lambda: 1.0  # type: ignore[method-assign]
+    near, _ = drive.step(straight_on)
+    assert near == pytest.approx(free - 0.3 * (drive.world.car.speed - 1.5))
 
 
 def test_a_box_is_told_to_the_cells_of_its_scale_and_of_its_middle() -> None:

@@ -89,7 +89,11 @@ class Expert:
             math.sqrt(world.route.limit(along + d) ** 2 + 4.0 * max(d - 2.0, 0.0))
             for d in range(0, 18, 2)
         )
-        return min(limit, speed_to_stop(self._gap())), steer_to(ahead, left)
+        return min(limit, self.safe_speed()), steer_to(ahead, left)
+
+    def safe_speed(self) -> float:
+        """The speed from which the car comes to a stand before what is on its way."""
+        return speed_to_stop(self._gap())
 
     def _gap(self) -> float:
         """How far the middle of the car can go."""

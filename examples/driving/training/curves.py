@@ -28,15 +28,16 @@ def policy_curve(points: Points) -> str:
         for phase, shade in _PHASES.items():
             of_phase = [at for at, it in zip(steps, points, strict=True) if it["phase"] == phase]
             if of_phase:
-                axes.axvspan(begin, of_phase[-1], color=shade, label=phase, linewidth=0)
+                axes.axvspan(begin, of_phase[-1], color=shade, linewidth=0)
+                axes.text((begin + of_phase[-1]) / 2, 0.05, phase, ha="center")
                 begin = of_phase[-1]
         completed = [it["ends"].get("completed", 0.0) for it in points]
-        axes.plot(steps, completed, color="#2f6bb3", marker="o", markersize=3, label="completed")
+        axes.plot(steps, completed, color="#2f6bb3", marker="o", markersize=3)
         axes.set_xlabel("thousands of steps of 0.1 s")
-        axes.set_ylabel("share of the last 60 journeys")
+        axes.set_ylabel("completed, of the last 60 journeys")
+        axes.set_xlim(left=0)
         axes.set_ylim(0, 1.05)
         axes.set_title("The policy learns", loc="left", fontweight="bold")
-        axes.legend(loc="lower right", frameon=False)
         return svg_of(figure)
 
 

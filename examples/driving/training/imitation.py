@@ -90,7 +90,7 @@ class Imitation:
 
 def loss(params: network.Params, batch: dict[str, jax.Array]) -> jax.Array:
     """How far the policy is from the expert."""
-    mean, _ = network.apply(params, batch["views"], batch["states"])
+    mean = network.apply(params, batch["views"], batch["states"])
     wrong = optax.huber_loss(mean, batch["actions"], delta=0.5)
     weight = 1.0 + _SLOW_WEIGHT * (batch["actions"][:, 0] < _SLOW)
     return (weight * wrong[:, 0]).mean() + _STEER_WEIGHT * wrong[:, 1].mean()
@@ -101,7 +101,7 @@ OPTIMIZER = optax.inject_hyperparams(optax.adam)(learning_rate=LEARNS)
 
 @jax.jit
 def _act(params: network.Params, views: jax.Array, states: jax.Array) -> jax.Array:
-    return network.apply(params, views, states)[0]
+    return network.apply(params, views, states)
 
 
 @partial(jax.jit, donate_argnums=(0, 1))

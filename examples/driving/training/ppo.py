@@ -1,7 +1,8 @@
 """Proximal policy optimization: the policy drives with some chance, and does more of what paid.
 
-It begins with a policy that drives well already. So its steps are small, its first rounds learn
-only what states are worth, and the expert's actions hold it where rewards say little.
+It begins with a policy that drives well already. So its first rounds learn only what states are
+worth, its steps become smaller and smaller, and the expert's actions hold it, less and less. An
+epoch that has led too far from the policy that drove is the last one of its round.
 """
 
 from __future__ import annotations
@@ -20,10 +21,16 @@ from . import imitation
 from . import policy_network as network
 from .environment import Drives
 
-STEPS, EPOCHS, BATCH = 128, 3, 512
-DISCOUNT, TRACE, CLIP = 0.985, 0.95, 0.15
-_VALUE, _HOLD = 0.25, 1.0
-OPTIMIZER = optax.chain(optax.clip_by_global_norm(0.5), optax.adam(1e-4))
+STEPS, EPOCHS, BATCH = 384, 4, 1024
+DISCOUNT, TRACE, CLIP = 0.985, 0.95, 0.2
+# What rewards are multiplied by, so that what a state is worth is about one.
+REWARD = 0.05
+# How far, as a divergence of Kullback and Leibler, a round may lead from the policy that drove.
+_FAR = 0.015
+_VALUE, _HOLD, _LEARNS = 0.5, 10.0, 1e-4
+OPTIMIZER = optax.inject_hyperparams(
+    lambda learning_rate: optax.chain(optax.clip_by_global_norm(0.5), optax.adam(learning_rate))
+)(learning_rate=_LEARNS)
 Data = dict[str, npt.NDArray[Any]]
 
 
@@ -32,21 +39,25 @@ def drive(drives: Drives, params: network.Params, key: jax.Array) -> Data:
     kept = []
     for step in range(STEPS):
         views, states = drives.views.copy(), drives.states.copy()
-        chosen = _act(params, jax.random.fold_in(key, step), views, states)
+        unseen = drives.unseen()
+        chosen = _act(params, jax.random.fold_in(key, step), views, states, unseen)
         actions, log_probs, values = (np.asarray(it) for it in chosen)
         wants = [action_of(*it.expert.wants()) for it in drives.drives]
         rewards, ends = drives.step(actions)
         experts = np.array(wants, np.float32)
-        kept.append((views, states, actions, log_probs, values, experts, rewards, ends))
-    names = ("views", "states", "drawn", "log_probs", "values", "actions", "rewards", "ends")
+        seen = (views, states, unseen)
+        kept.append((*seen, actions, log_probs, values, experts, REWARD * rewards, ends))
+    names = ("drawn", "log_probs", "values", "actions", "rewards", "ends")
+    names = ("views", "states", "unseen", *names)
     data = {n: np.stack(column) for n, column in zip(names, zip(*kept, strict=True), strict=True)}
-    _, last = network.apply(params, jnp.asarray(drives.views), jnp.asarray(drives.states))
+    seen = (drives.views, drives.states, drives.unseen())
+    _, last = network.apply_with_values(params, *map(jnp.asarray, seen))
     return with_advantages(data, np.asarray(last))
 
 
 def with_advantages(data: Data, last: npt.NDArray[Any]) -> Data:
     """Adds generalized advantages and returns; a journey's end is worth nothing more."""
-    rewards, values, ends = data.pop("rewards"), data.pop("values"), data.pop("ends")
+    rewards, values, ends = data["rewards"], data["values"], data["ends"]
     gains = np.zeros_like(values)
     trace = np.zeros_like(last)
     for step in reversed(range(len(rewards))):
@@ -63,19 +74,26 @@ def learn(
     optimizer: Any,
     data: Data,
     random: np.random.Generator,
+    left: float,
     values_only: bool,
 ) -> tuple[network.Params, Any]:
-    """Some epochs over what was gathered."""
+    """Some epochs over what was gathered; ``left`` is the share of all rounds that follow."""
     rows = {name: value.reshape(-1, *value.shape[2:]) for name, value in data.items()}
-    count = len(rows["returns"])
+    gain = rows["advantages"]
+    rows["advantages"] = (gain - gain.mean()) / (gain.std() + 1e-6)
+    optimizer.hyperparams["learning_rate"] = jnp.asarray(_LEARNS * (0.05 + 0.95 * left))
+    count = len(gain)
     for _ in range(EPOCHS):
         order = random.permutation(count)
+        far = []
         for begin in range(0, count, BATCH):
             chosen = order[begin : begin + BATCH]
             batch = {name: jnp.asarray(value[chosen]) for name, value in rows.items()}
-            gain = batch["advantages"]
-            batch["advantages"] = (gain - gain.mean()) / (gain.std() + 1e-6)
-            params, optimizer = _improve(params, optimizer, batch, values_only)
+            hold = jnp.asarray(_HOLD * left)
+            params, optimizer, distance = _improve(params, optimizer, batch, hold, values_only)
+            far.append(float(distance))
+        if np.mean(far) > _FAR:
+            break
     return params, optimizer
 
 
@@ -86,31 +104,39 @@ def _log_prob(params: network.Params, mean: jax.Array, actions: jax.Array) -> ja
 
 @jax.jit
 def _act(
-    params: network.Params, key: jax.Array, views: jax.Array, states: jax.Array
+    params: network.Params, key: jax.Array, views: jax.Array, states: jax.Array, unseen: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Random actions, their probabilities, and values."""
-    mean, values = network.apply(params, views, states)
+    mean, values = network.apply_with_values(params, views, states, unseen)
     actions = mean + jax.random.normal(key, mean.shape) * jnp.exp(params["log_std"])
     return actions, _log_prob(params, mean, actions), values
 
 
-def _loss(params: network.Params, batch: dict[str, jax.Array], values_only: bool) -> jax.Array:
-    mean, values = network.apply(params, batch["views"], batch["states"])
+def _loss(
+    params: network.Params, batch: dict[str, jax.Array], hold: jax.Array, values_only: bool
+) -> tuple[jax.Array, jax.Array]:
+    """The loss, and how far the policy is from the one that drove."""
+    seen = (batch["views"], batch["states"], batch["unseen"])
+    mean, values = network.apply_with_values(params, *seen)
     value = _VALUE * jnp.mean((values - batch["returns"]) ** 2)
     if values_only:
-        # The policy stays what it is while the values become right.
-        return value + 10.0 * imitation.loss(params, batch)
+        return value, jnp.zeros(())
     ratio = jnp.exp(_log_prob(params, mean, batch["drawn"]) - batch["log_probs"])
     gain = batch["advantages"]
     clipped = jnp.clip(ratio, 1 - CLIP, 1 + CLIP)
     policy = -jnp.minimum(ratio * gain, clipped * gain).mean()
-    return policy + value + _HOLD * imitation.loss(params, batch)
+    distance = (ratio - 1.0 - jnp.log(ratio)).mean()
+    return policy + value + hold * imitation.loss(params, batch), distance
 
 
 @partial(jax.jit, static_argnames="values_only")
 def _improve(
-    params: network.Params, optimizer: Any, batch: dict[str, jax.Array], values_only: bool
-) -> tuple[network.Params, Any]:
-    gradients = jax.grad(_loss)(params, batch, values_only)
+    params: network.Params,
+    optimizer: Any,
+    batch: dict[str, jax.Array],
+    hold: jax.Array,
+    values_only: bool,
+) -> tuple[network.Params, Any, jax.Array]:
+    gradients, distance = jax.grad(_loss, has_aux=True)(params, batch, hold, values_only)
     updates, optimizer = OPTIMIZER.update(gradients, optimizer, params)
-    return optax.apply_updates(params, updates), optimizer
+    return optax.apply_updates(params, updates), optimizer, distance

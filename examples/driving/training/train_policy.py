@@ -27,7 +27,7 @@ MODELS = Path(__file__).resolve().parents[1] / "models"
 COUNT, STEPS, MEMORY = 16, 128, 160_000
 # The expert drives in the first round; after so many rounds it does no more.
 _EXPERT_ROUNDS = 6
-_VALUE_ROUNDS = 6
+_VALUE_ROUNDS = 2
 _SAVED_EVERY = 10
 
 
@@ -38,7 +38,7 @@ class Trainer:
         self._key = jax.random.key(seed)
         self._imitation_rounds, self._rounds = imitation_rounds, rounds
         self.params = network.init(jax.random.key(seed + 1))
-        self.round, self.seconds = 0, 0.0
+        self.round, self.steps, self.seconds = 0, 0, 0.0
         self.curve: list[dict[str, Any]] = []
         self._random = np.random.default_rng(seed)
         # Seeds below 1000 are kept for judging.
@@ -47,6 +47,7 @@ class Trainer:
         self._optimizer: Any = None
         self._ends: deque[tuple[str, float]] = deque(maxlen=60)
         self._loss = 0.0
+        self._gained, self._unexplained = 0.0, 1.0
 
     @property
     def done(self) -> bool:
@@ -68,6 +69,7 @@ class Trainer:
             self._imitate()
         else:
             self._reinforce()
+        self.steps += COUNT * (STEPS if self.phase == "imitation" else ppo.STEPS)
         self.seconds += time.process_time() - begun
         self.round += 1
         self._ends.extend(self._drives.finished())
@@ -85,15 +87,19 @@ class Trainer:
     def _reinforce(self) -> None:
         key = jax.random.fold_in(self._key, self.round)
         data = ppo.drive(self._drives, self.params, key)
+        self._gained = float(data["rewards"].mean()) / ppo.REWARD
+        self._unexplained = float((data["returns"] - data["values"]).var() / data["returns"].var())
         values_only = self.round < self._imitation_rounds + _VALUE_ROUNDS
+        left = (self._rounds - self.round) / (self._rounds - self._imitation_rounds)
         self.params, self._optimizer = ppo.learn(
-            self.params, self._optimizer, data, self._random, values_only
+            self.params, self._optimizer, data, self._random, left, values_only
         )
 
     def restore(self, path: Path) -> None:
         """Goes on from a file, in other towns than those before."""
         self.params, told = checkpoint.restore(path, self.params)
         self.curve, self.round, self.seconds = told["curve"], told["round"], told["seconds"]
+        self.steps = self.curve[-1]["steps"]
         self._drives = Drives(COUNT, 1000 + 17 * self.round)
         self._imitation = imitation.Imitation(self._drives, self._random, MEMORY)
 
@@ -105,10 +111,12 @@ class Trainer:
             "phase": "imitation" if self.round <= self._imitation_rounds else "ppo",
             "round": self.round,
             "seconds": round(self.seconds, 1),
-            "steps": self.round * COUNT * STEPS,
+            "steps": self.steps,
             "ends": {name: round(value, 3) for name, value in share.items()},
             "driven": round(float(np.mean([done for _, done in self._ends] or [0.0])), 3),
             "loss": round(self._loss, 5),
+            "reward": round(self._gained, 4),
+            "unexplained": round(self._unexplained, 3),
             "std": np.exp(np.asarray(self.params["log_std"])).round(3).tolist(),
         }
         self.curve.append(point)
@@ -127,7 +135,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("weights", type=Path)
     parser.add_argument("--imitation-rounds", type=int, default=60)
-    parser.add_argument("--rounds", type=int, default=100)
+    parser.add_argument("--rounds", type=int, default=84)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     options.weights.parent.mkdir(parents=True, exist_ok=True)
