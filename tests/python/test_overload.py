@@ -62,3 +62,48 @@ def test_a_federate_that_cannot_keep_up_is_named(bench: Bench, options: list[str
 def test_a_program_that_follows_no_clock_lags_behind_none(run: Run) -> None:
     outcome = run(f"target Python {{ fast: true, timeout: 220 ms }}\n{PREAMBLE}{SLOW}{MAIN}")
     assert (outcome.code, outcome.err) == (0, "")
+
+
+# 25 steps of a tenth of a second, all at time zero.
+STEPS = """\
+reactor Step {{
+  {parts}
+  state steps = 0
+  reaction(startup) -> {effect} {{= {set} =}}
+  reaction({trigger}) -> {effect} {{=
+    time.sleep(0.1)
+    self.steps += 1
+    if self.steps < 25:
+        {set}
+  =}}
+}}
+main reactor {{ step = new Step()  {connection} }}
+"""
+
+
+def test_steps_that_a_connection_asks_for_are_no_lag(run: Run) -> None:
+    steps = STEPS.format(
+        parts="input number  output next",
+        effect="next",
+        trigger="number",
+        set="next.set(1)",
+        connection="step.next -> step.number after 0",
+    )
+    outcome = run(f"target Python\n{PREAMBLE}{steps}")
+    assert (outcome.code, outcome.err) == (0, "")
+
+
+def test_an_action_without_a_delay_that_comes_again_and_again_keeps_time_still(run: Run) -> None:
+    steps = STEPS.format(
+        parts="logical action again",
+        effect="again",
+        trigger="again",
+        set="again.schedule(0)",
+        connection="",
+    )
+    outcome = run(f"target Python\n{PREAMBLE}{steps}")
+    assert outcome.code == 0
+    told = "warning: the logical time of the program has stood still for 2."
+    assert outcome.err.startswith(told), outcome.err
+    assert "with a larger delay, time goes on" in outcome.err
+    assert outcome.err.count("warning") == 1

@@ -3,9 +3,10 @@
 //! A program lags by the time between the moment at which a tag is due and the one at which it begins.
 //! The watch is told of each tag that begins; only while the lag is large does it want to know how long
 //! reactions take. A `fast` program follows no clock; it lags if its time stands still, because microstep
-//! follows microstep. The watch says nothing itself: see [`Workers`](crate::workers).
+//! follows microstep. So can one that has a clock; where a connection `after 0` asks for it, that is as it should be.
+//! The watch says nothing itself: see [`Workers`](crate::workers).
 
-use hprm_core::{Nanos, PhysicalTime, Program, ReactionId, Reading, Scope, Table, Tag, show_time};
+use hprm_core::{Delay, Nanos, PhysicalTime, Program, ReactionId, Reading, Scope, Table, Tag, show_time};
 
 const SECOND: Nanos = 1_000_000_000;
 
@@ -58,6 +59,8 @@ pub(crate) struct Overload {
     pub(crate) lag: Nanos,
     /// The first tag that was late.
     pub(crate) since: Tag,
+    /// Whether all tags since then are of one time.
+    pub(crate) stands: bool,
     /// If most of the lag came at once: how much, and the tag before.
     pub(crate) jump: Option<(Nanos, Tag)>,
     /// For how long reactions have been timed, and how much of that they took.
@@ -139,7 +142,8 @@ impl LagWatch {
         }
         self.is_over = true;
         let behind = self.behind.take()?;
-        Some(behind.overload(lag, now, self.in_time, &self.costs))
+        let stands = tag.time == behind.first.time;
+        Some(Overload { stands, ..behind.overload(lag, now, self.in_time, &self.costs) })
     }
 
     /// Notes how long a run of a reaction took.
@@ -166,6 +170,7 @@ impl Behind {
         Overload {
             lag,
             since: self.first,
+            stands: false,
             jump: in_time.filter(|_| self.jump > lag / 2).map(|before| (self.jump, before)),
             elapsed: now.since(self.at),
             busy: costs.values().map(|cost| cost.total).sum(),
@@ -175,6 +180,13 @@ impl Behind {
 }
 
 impl Overload {
+    /// Whether the program asks for that: a connection `after 0` closes a cycle, for example, in which each step
+    /// follows the one before as soon as it can.
+    pub(crate) fn is_meant(&self, program: &Program) -> bool {
+        let steps = program.connections.values().any(|it| it.delay == Delay::Microstep);
+        self.stands && steps
+    }
+
     /// The warning for the user. `place` says where a reaction is written, if that is known.
     pub(crate) fn message(
         &self,
@@ -187,8 +199,7 @@ impl Overload {
             Scope::Federate(id) => (format!("federate {}", program.federates[id].name), false),
         };
         let (lag, since) = (seconds(self.lag), show_tag(self.since));
-        let fast = program.properties.fast;
-        let mut text = match fast {
+        let mut text = match self.stands {
             true => format!(
                 "the logical time of {name} has stood still for {lag}, one microstep after the other, since tag \
                  {since}"
@@ -212,7 +223,7 @@ impl Overload {
         let is_busy = self.busy >= self.elapsed / 2;
         text += "\n  hint: ";
         text += match (is_busy, alone) {
-            _ if fast => {
+            _ if self.stands => {
                 "an event with a delay of 0 comes at the same time, a microstep later; with a larger delay, time goes on"
             }
             (true, true) => {
@@ -249,13 +260,24 @@ pub(crate) fn show_tag(tag: Tag) -> String {
 
 #[cfg(test)]
 mod tests {
-    use hprm_core::{ProgramBuilder, Properties, ReactionSpec};
+    use hprm_core::{Direction, ProgramBuilder, Properties, ReactionSpec};
 
     use super::*;
 
     const MS: Nanos = 1_000_000;
     const SLOW: ReactionId = ReactionId(7);
     const QUICK: ReactionId = ReactionId(3);
+
+    /// A reactor with a reaction, and a connection with a delay from its output to its input.
+    fn program(delay: Delay) -> (Program, ReactionId) {
+        let mut b = ProgramBuilder::new("Main", Properties::default());
+        let worker = b.reactor(b.main(), "worker");
+        let from = b.port(worker, "out", Direction::Output);
+        let to = b.port(worker, "inp", Direction::Input);
+        b.connect(from, to, delay);
+        let reaction = b.reaction(worker, ReactionSpec::default());
+        (b.build().unwrap(), reaction)
+    }
 
     /// Runs a timer of 10 ms for so many tags, each of which takes as long as `cost` says.
     fn run(tags: i64, cost: impl Fn(i64) -> Nanos) -> (LagWatch, Vec<Overload>, u64) {
@@ -333,14 +355,12 @@ mod tests {
 
     #[test]
     fn a_message_names_the_reaction_its_place_and_its_cost() {
-        let mut b = ProgramBuilder::new("Main", Properties::default());
-        let worker = b.reactor(b.main(), "worker");
-        let slow = b.reaction(worker, ReactionSpec::default());
-        let program = b.build().unwrap();
+        let (program, slow) = program(Delay::Microstep);
         let cost = Cost { total: 2_350 * MS, longest: 61 * MS, runs: 39 };
         let mut overload = Overload {
             lag: 1_520 * MS,
             since: Tag::new(1_100 * MS, 2),
+            stands: false,
             jump: None,
             elapsed: 2_400 * MS,
             busy: 2_360 * MS,
@@ -354,6 +374,7 @@ mod tests {
              most\n  hint: let it run less often, make it quicker, give it a deadline, or move it \
              into a federate of its own"
         );
+        assert!(!overload.is_meant(&program));
         overload.busy = MS;
         overload.jump = Some((12_000 * MS, Tag::START));
         let text = overload.message(&program, Scope::Whole, |_| None);
@@ -391,10 +412,9 @@ mod tests {
         assert_eq!(told.len(), 1);
         assert_eq!(told[0].since, Tag::new(5 * MS, 127));
         assert!((2_000 * MS..4_000 * MS).contains(&told[0].lag), "{told:?}");
-        let mut b = ProgramBuilder::new("Main", Properties { fast: true, ..Properties::default() });
-        let worker = b.reactor(b.main(), "worker");
-        let reaction = b.reaction(worker, ReactionSpec::default());
-        let program = b.build().unwrap();
+        let (stepwise, _) = program(Delay::Microstep);
+        let (program, reaction) = program(Delay::Time(MS));
+        assert!(told[0].is_meant(&stepwise) && !told[0].is_meant(&program));
         let slowest = told[0].slowest.map(|(_, cost)| (reaction, cost));
         let text =
             Overload { slowest, ..told[0].clone() }.message(&program, Scope::Whole, |_| None);

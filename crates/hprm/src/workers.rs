@@ -110,7 +110,7 @@ impl<V: Clone> Workers<V> {
             true => self.lag.begins_at_once(tag, Clock::now),
             false => self.lag.begins(tag, due, now),
         };
-        if let Some(overload) = overload {
+        if let Some(overload) = overload.filter(|it| !it.is_meant(scheduler.program())) {
             warn_of_overload(scheduler.program(), self.scope, host, &overload);
         }
         if let Some(connection) = scheduler.connection_with_backlog()
