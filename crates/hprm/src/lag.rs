@@ -6,7 +6,9 @@
 //! follows microstep. So can one that has a clock; where a connection `after 0` asks for it, that is as it should be.
 //! The watch says nothing itself: see [`Workers`](crate::workers).
 
-use hprm_core::{Delay, Nanos, PhysicalTime, Program, ReactionId, Reading, Scope, Table, Tag, show_time};
+use hprm_core::{
+    Delay, Nanos, PhysicalTime, Program, ReactionId, Reading, Scope, Table, Tag, show_time,
+};
 
 const SECOND: Nanos = 1_000_000_000;
 
