@@ -35,7 +35,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     failed = False
     try:
-        options.out.mkdir(parents=True, exist_ok=True)
+        if not options.page:
+            options.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         print(f"error: cannot write into {options.out}: {error.strerror}", file=sys.stderr)
         return 1
@@ -89,7 +90,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--contenders", type=_words, metavar="NAMES", help="parts of names, as in hprm,ros2"
     )
-    parser.add_argument("--repetitions", type=positive, metavar="N", help="interleaved")
+    parser.add_argument("--repetitions", type=positive, metavar="N", help="how often, in turns")
     parser.add_argument(
         "--page", action="store_true", help="measure nothing, write the page from earlier results"
     )
@@ -133,7 +134,11 @@ def write_page(folder: Path, alone: bool) -> int:
             )
         return 1
     target = folder / "index.html"
-    target.write_text(page.html(records, missing, EXPERIMENTS))
+    try:
+        target.write_text(page.html(records, missing, EXPERIMENTS))
+    except OSError as error:
+        print(f"error: cannot write {target}: {error.strerror}", file=sys.stderr)
+        return 1
     print(f"wrote {target}")
     return 0
 

@@ -21,10 +21,12 @@ from autopilot.agent import GeometricAgent, PolicyAgent, action_of, control_of, 
 from autopilot.colour_detector import ColourDetector
 from autopilot.demo import box_plot
 from autopilot.detector import Detection, Detector, decode
+from autopilot.film import Film, FilmError
 from autopilot.judge import interval, journey
-from autopilot.latency import Latencies
+from autopilot.latency import Latencies, MeasureError
 from autopilot.lookout import Lookout
 from autopilot.network import ModelError, Network
+from autopilot.options import options
 from autopilot.rules import Rules
 from autopilot.simulator import BIRDVIEW, PICTURE, Town, state_of
 from town.camera import CAMERA_AHEAD, CAMERA_HEIGHT, FOCAL, HORIZON
@@ -356,3 +358,45 @@ def test_the_colour_detector_finds_a_light_and_a_sign_and_no_red_wall() -> None:
     light = found["red light"]
     assert abs((light.left + light.right) / 2 - 312) < 2
     assert abs((light.top + light.bottom) / 2 - 112) < 4
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--frames", "0"], "argument --frames: '0' is not a whole number from 1 to"),
+        (["--seed", "-1"], "argument --seed: '-1' is not a whole number from 0 to"),
+        (["--port", "99999"], "argument --port: '99999' is not a whole number from 1 to 65535"),
+        (["--slow", "nan"], "argument --slow: 'nan' is not a number of seconds from 0 to"),
+        (["--slow", "x"], "argument --slow: 'x' is not a number of seconds from 0 to"),
+    ],
+)
+def test_a_number_that_makes_no_sense_is_one_clear_error(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        options(words)
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err
+
+
+def test_files_that_cannot_be_written_are_told_before_the_drive(tmp_path: Path) -> None:
+    with pytest.raises(MeasureError, match=r"no/x\.json cannot be written: No such file"):
+        Latencies(str(tmp_path / "no" / "x.json"), 10)
+    with pytest.raises(FilmError, match=r"drive\.xyz has a name of no kind of film"):
+        Film(tmp_path / "drive.xyz")
+
+
+@pytest.mark.parametrize("picture", ["600", "600:frame.xyz", "99999:late.png", "x:late.png"])
+def test_a_picture_that_cannot_be_drawn_is_one_clear_error(picture: str, tmp_path: Path) -> None:
+    argv = [sys.executable, "-m", "town", "--seed", "6", "--picture", picture]
+    done = subprocess.run(
+        argv,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(DRIVING)},
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert f"error: --picture {picture}: " in done.stderr

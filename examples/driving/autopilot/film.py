@@ -63,6 +63,10 @@ class Film:
             stream = self._file.add_stream("libx264", rate=FRAMES_A_SECOND)
         except (OSError, av.FFmpegError) as error:
             raise self._failed(error) from None
+        except ValueError:
+            raise FilmError(
+                f"the film {path} has a name of no kind of film: name it drive.mp4, for example"
+            ) from None
         stream.height, stream.width = SHAPE[:2]
         stream.pix_fmt = "yuv420p"
         stream.options = {"preset": "veryfast", "crf": "24"}

@@ -23,7 +23,7 @@ from town.world import Setting, World
 
 from .agent import open_agent
 from .lookout import Lookout, open_eyes
-from .options import DETECTORS
+from .options import DETECTORS, whole
 from .simulator import state_of
 
 AGENTS = ("expert", "policy", "geometric", "constant", "random")
@@ -103,8 +103,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--agent", choices=AGENTS, default="policy")
     parser.add_argument("--detector", choices=(*DETECTORS, "perfect"), default=DETECTORS[0])
-    parser.add_argument("--episodes", type=int, default=30)
-    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--episodes", type=whole(1), default=30)
+    parser.add_argument("--first-seed", type=whole(0), default=0)
     options = parser.parse_args()
     seeds = range(options.first_seed, options.first_seed + options.episodes)
     verdicts = [journey(seed, options.agent, options.detector) for seed in seeds]

@@ -10,6 +10,10 @@ PROGRESS = "progress "
 _EVERY = 20
 
 
+class MeasureError(Exception):
+    """What was measured cannot be written; the message says where and why."""
+
+
 class Latencies:
     """Measures frames, and writes the result into a file, if one is named."""
 
@@ -18,6 +22,9 @@ class Latencies:
         self._sent_at = 0
         self._took: list[int] = []
         self._begun = time.perf_counter_ns()
+        if file:
+            # A name that cannot be written is told before the drive.
+            self._write("")
 
     def frame_sent(self) -> None:
         """A frame has been set."""
@@ -34,4 +41,10 @@ class Latencies:
         if self._file:
             seconds = (time.perf_counter_ns() - self._begun) / 1e9
             told = {"latencies_ns": self._took, "frames_a_second": len(self._took) / seconds}
-            Path(self._file).write_text(json.dumps(told))
+            self._write(json.dumps(told))
+
+    def _write(self, text: str) -> None:
+        try:
+            Path(self._file).write_text(text)
+        except OSError as error:
+            raise MeasureError(f"{self._file} cannot be written: {error.strerror}") from None

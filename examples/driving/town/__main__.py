@@ -20,6 +20,8 @@ def main() -> None:
     parser.add_argument("--picture", metavar="FRAME:FILE", help="what is seen at a frame")
     options = parser.parse_args()
     frame, _, file = (options.picture or "").partition(":")
+    if options.picture and not (frame.isdigit() and cv2.haveImageWriter(file)):
+        parser.error(f"--picture {options.picture}: it must be a frame and a file, 600:frame.png")
     world = World(options.seed)
     expert = Expert(world)
     while not world.journey.ended:
@@ -27,6 +29,8 @@ def main() -> None:
             parser.error(f"{file} cannot be written")
         world.step(expert.control())
     journey, route = world.journey, world.route
+    if frame and int(frame) >= journey.frames:
+        parser.error(f"--picture {options.picture}: the journey has {journey.frames} frames")
     print(f"{journey.ended}: {route.path.length:.0f} m, {len(route.stop_lines)} lights and signs")
     print(f"run: {journey.red_lights} red lights, {journey.stop_signs} stop signs")
 
