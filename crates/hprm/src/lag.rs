@@ -144,8 +144,7 @@ impl LagWatch {
         }
         self.is_over = true;
         let behind = self.behind.take()?;
-        let stands = tag.time == behind.first.time;
-        Some(Overload { stands, ..behind.overload(lag, now, self.in_time, &self.costs) })
+        Some(behind.overload((tag, lag), now, self.in_time, &self.costs))
     }
 
     /// Notes how long a run of a reaction took.
@@ -162,7 +161,7 @@ impl LagWatch {
 impl Behind {
     fn overload(
         &self,
-        lag: Nanos,
+        (tag, lag): (Tag, Nanos),
         now: PhysicalTime,
         in_time: Option<Tag>,
         costs: &Table<ReactionId, Cost>,
@@ -172,7 +171,7 @@ impl Behind {
         Overload {
             lag,
             since: self.first,
-            stands: false,
+            stands: tag.time == self.first.time,
             jump: in_time.filter(|_| self.jump > lag / 2).map(|before| (self.jump, before)),
             elapsed: now.since(self.at),
             busy: costs.values().map(|cost| cost.total).sum(),

@@ -31,6 +31,10 @@ _VALUE, _HOLD, _LEARNS = 0.5, 10.0, 1e-4
 OPTIMIZER = optax.inject_hyperparams(
     lambda learning_rate: optax.chain(optax.clip_by_global_norm(0.5), optax.adam(learning_rate))
 )(learning_rate=_LEARNS)
+# What is kept of a step, what it leads to, and what is learned from.
+_SEEN = ("views", "states", "unseen", "drawn", "log_probs")
+_NAMES = (*_SEEN, "values", "actions", "rewards", "ends")
+_LEARNED = (*_SEEN, "actions", "advantages", "returns")
 Data = dict[str, npt.NDArray[Any]]
 
 
@@ -47,9 +51,8 @@ def drive(drives: Drives, params: network.Params, key: jax.Array) -> Data:
         experts = np.array(wants, np.float32)
         seen = (views, states, unseen)
         kept.append((*seen, actions, log_probs, values, experts, REWARD * rewards, ends))
-    names = ("drawn", "log_probs", "values", "actions", "rewards", "ends")
-    names = ("views", "states", "unseen", *names)
-    data = {n: np.stack(column) for n, column in zip(names, zip(*kept, strict=True), strict=True)}
+    columns = zip(_NAMES, zip(*kept, strict=True), strict=True)
+    data = {name: np.stack(column) for name, column in columns}
     seen = (drives.views, drives.states, drives.unseen())
     _, last = network.apply_with_values(params, *map(jnp.asarray, seen))
     return with_advantages(data, np.asarray(last))
@@ -78,18 +81,17 @@ def learn(
     values_only: bool,
 ) -> tuple[network.Params, Any]:
     """Some epochs over what was gathered; ``left`` is the share of all rounds that follow."""
-    rows = {name: value.reshape(-1, *value.shape[2:]) for name, value in data.items()}
+    rows = {name: data[name].reshape(-1, *data[name].shape[2:]) for name in _LEARNED}
     gain = rows["advantages"]
     rows["advantages"] = (gain - gain.mean()) / (gain.std() + 1e-6)
     optimizer.hyperparams["learning_rate"] = jnp.asarray(_LEARNS * (0.05 + 0.95 * left))
-    count = len(gain)
+    hold, count = jnp.asarray(_HOLD * left), len(gain)
     for _ in range(EPOCHS):
         order = random.permutation(count)
         far = []
         for begin in range(0, count, BATCH):
             chosen = order[begin : begin + BATCH]
             batch = {name: jnp.asarray(value[chosen]) for name, value in rows.items()}
-            hold = jnp.asarray(_HOLD * left)
             params, optimizer, distance = _improve(params, optimizer, batch, hold, values_only)
             far.append(float(distance))
         if np.mean(far) > _FAR:

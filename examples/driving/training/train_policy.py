@@ -38,7 +38,7 @@ class Trainer:
         self._key = jax.random.key(seed)
         self._imitation_rounds, self._rounds = imitation_rounds, rounds
         self.params = network.init(jax.random.key(seed + 1))
-        self.round, self.steps, self.seconds = 0, 0, 0.0
+        self.round, self.seconds = 0, 0.0
         self.curve: list[dict[str, Any]] = []
         self._random = np.random.default_rng(seed)
         # Seeds below 1000 are kept for judging.
@@ -55,6 +55,12 @@ class Trainer:
         return self.round >= self._rounds
 
     @property
+    def steps(self) -> int:
+        """How many steps have been driven."""
+        imitated = min(self.round, self._imitation_rounds)
+        return COUNT * (STEPS * imitated + ppo.STEPS * (self.round - imitated))
+
+    @property
     def phase(self) -> str:
         """What the next round learns by."""
         return "imitation" if self.round < self._imitation_rounds else "ppo"
@@ -69,7 +75,6 @@ class Trainer:
             self._imitate()
         else:
             self._reinforce()
-        self.steps += COUNT * (STEPS if self.phase == "imitation" else ppo.STEPS)
         self.seconds += time.process_time() - begun
         self.round += 1
         self._ends.extend(self._drives.finished())
@@ -99,7 +104,6 @@ class Trainer:
         """Goes on from a file, in other towns than those before."""
         self.params, told = checkpoint.restore(path, self.params)
         self.curve, self.round, self.seconds = told["curve"], told["round"], told["seconds"]
-        self.steps = self.curve[-1]["steps"]
         self._drives = Drives(COUNT, 1000 + 17 * self.round)
         self._imitation = imitation.Imitation(self._drives, self._random, MEMORY)
 
