@@ -181,10 +181,14 @@ def test_a_federation_drives_in_carla() -> None:
     assert done.stdout.startswith("[simulator] frame 20: "), done.stdout
 
 
-def test_a_simulator_that_cannot_start_is_one_clear_error() -> None:
-    done = run("--sim", "carla", "--host", "127.0.0.9", CARLA_ABSENT="1")
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [("CARLA_ABSENT", "Connection refused"), ("CARLA_SILENT", "time-out of 10000ms")],
+)
+def test_a_simulator_that_cannot_start_is_one_clear_error(wrong: str, told: str) -> None:
+    done = run("--sim", "carla", "--host", "127.0.0.9", **{wrong: "1"})
     assert done.returncode != 0
-    assert "CARLA at 127.0.0.9:2000 does not answer: time-out of 10000ms" in done.stderr
+    assert f"CARLA at 127.0.0.9:2000 does not answer: {told}" in done.stderr
     assert "name another one with --host" in done.stderr
     assert done.stderr.count("error: ") == 1, done.stderr
 

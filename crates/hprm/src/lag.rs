@@ -211,7 +211,9 @@ impl Overload {
             text +=
                 &format!(", before which {} went by at tag {}", seconds(jump), show_tag(before));
         }
-        if let Some((reaction, cost)) = self.slowest {
+        // Where the program waits, the reaction that took most of the little time is not the cause.
+        let is_busy = self.busy >= self.elapsed / 2;
+        if let Some((reaction, cost)) = self.slowest.filter(|_| is_busy || self.stands) {
             let place = place(reaction).map_or_else(String::new, |place| format!(" ({place})"));
             let reaction = program.reaction_label(reaction);
             let Cost { total, longest, runs } = cost;
@@ -221,7 +223,6 @@ impl Overload {
                 "; reaction {reaction}{place} took longest: it ran {times}, {total} in all, {longest} at most"
             );
         }
-        let is_busy = self.busy >= self.elapsed / 2;
         text += "\n  hint: ";
         text += match (is_busy, alone) {
             _ if self.stands => {
@@ -379,7 +380,8 @@ mod tests {
         overload.busy = MS;
         overload.jump = Some((12_000 * MS, Tag::START));
         let text = overload.message(&program, Scope::Whole, |_| None);
-        assert!(text.contains("(1100 ms, 2), before which 12 s went by at tag (0, 0); "), "{text}");
+        assert!(text.contains("(1100 ms, 2), before which 12 s went by at tag (0, 0)\n"), "{text}");
+        assert!(!text.contains("Main.worker"), "it waits: {text}");
         assert!(text.contains("is the machine busy with something else?"), "{text}");
     }
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import queue
 import random
+import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -52,7 +53,9 @@ class Carla:
         self._lost = False
         self._before: Any = None
         try:
-            self._begin(carla.Client(host, port), port, seed)
+            client = carla.Client(host, port)
+            _call(host, port)
+            self._begin(client, port, seed)
         except SimulatorError:
             self.close()
             raise
@@ -224,6 +227,14 @@ class Carla:
 
     def _car(self) -> Body:
         return _body(self._vehicle)
+
+
+def _call(host: str, port: int) -> None:
+    """Say at once that no server listens there; CARLA's client tries for its whole time-out."""
+    try:
+        socket.create_connection((host, port), _TIMEOUT).close()
+    except OSError as error:
+        raise RuntimeError(error.strerror or str(error)) from None
 
 
 def _point(location: Any) -> Point:

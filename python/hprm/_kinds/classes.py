@@ -15,7 +15,8 @@ import functools
 import importlib
 import sys
 import types
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 from hprm._kinds import Parts, loaded
 
@@ -31,23 +32,59 @@ _GENERATED = ("dataclasses", "attr._make")
 
 def instance(module: str, name: str, names: tuple[str, ...], *values: Any, trusted: bool) -> Any:
     """Make an object with attributes."""
-    kind = _find(module, name, trusted)
-    slots = _message_slots(kind)
-    if slots is not None:
-        return _message(kind, slots, names, values)
+    return _filler(_find(module, name, trusted))(names, values)
+
+
+class _Way(NamedTuple):
+    """Where objects of a class have their attributes."""
+
+    fields: tuple[str, ...]
+    #: The names of those that are in slots.
+    slots: frozenset[str]
+    #: The descriptors of the slots, if there is one for each field.
+    descriptors: tuple[Any, ...]
+    #: Whether all of them are in the dict, or all in slots, and the names of the fields lead there.
+    is_plain: bool
+
+
+@functools.lru_cache(maxsize=1024)
+def _filler(kind: Any) -> Callable[[tuple[str, ...], tuple[Any, ...]], Any]:
+    """Return what makes an object of a class of names and values; what that needs is found once."""
+    messages = _message_slots(kind)
+    if messages is not None:
+        return functools.partial(_message, kind, messages)
     fields = _fields(kind)
     if fields is None or not _is_ordinary(kind):
         raise _refused(kind, "neither a dataclass nor a class of attrs nor one of messages")
+    slots = frozenset(name for base in kind.__mro__ for name in _slots(base))
+    descriptors = tuple(it for name in fields if name in slots and (it := _static(kind, name)))
+    in_slots = len(descriptors) == len(fields) > 0 and all(
+        type(it) is types.MemberDescriptorType for it in descriptors
+    )
+    in_dict = not slots and type(_static(kind, "__dict__")) is types.GetSetDescriptorType
+    way = _Way(tuple(fields), slots, descriptors if in_slots else (), in_slots or in_dict)
+    return functools.partial(_filled, kind, way)
+
+
+def _filled(kind: Any, way: _Way, names: tuple[str, ...], values: tuple[Any, ...]) -> Any:
     made = object.__new__(kind)
+    if way.is_plain and names == way.fields and len(values) == len(names):
+        if way.descriptors:
+            for descriptor, value in zip(way.descriptors, values, strict=True):
+                descriptor.__set__(made, value)
+        else:
+            # With the class's own names, which Python finds quicker than those that came.
+            made.__dict__.update(zip(way.fields, values, strict=True))
+        return made
     for attribute, value in zip(names, values, strict=True):
         if type(attribute) is not str:
-            raise ValueError(f"malformed payload: an attribute of {name} has no name")
-        if hasattr(made, "__dict__") and not _is_slot(kind, attribute):
+            raise ValueError(f"malformed payload: an attribute of {kind.__qualname__} has no name")
+        if hasattr(made, "__dict__") and attribute not in way.slots:
             made.__dict__[attribute] = value
-        elif attribute in fields:
+        elif attribute in way.fields:
             object.__setattr__(made, attribute, value)
         else:
-            raise ValueError(f"malformed payload: {name} has no attribute {attribute}")
+            raise ValueError(f"malformed payload: {kind.__qualname__} has no attribute {attribute}")
     return made
 
 
@@ -232,7 +269,8 @@ def _is_ordinary(kind: type) -> bool:
     )
 
 
-def _is_named_tuple(kind: type) -> bool:
+@functools.lru_cache(maxsize=1024)
+def _is_named_tuple(kind: Any) -> bool:
     new = getattr(kind.__new__, "__module__", "")
     ordinary = all(
         getattr(kind, name, None) is getattr(object, name, None)
@@ -242,7 +280,8 @@ def _is_named_tuple(kind: type) -> bool:
     return named and ordinary and isinstance(new, str) and new.startswith("namedtuple_")
 
 
-def _pydantic(kind: type) -> Any:
+@functools.lru_cache(maxsize=1024)
+def _pydantic(kind: Any) -> Any:
     """Return the base of all models, if the class is a model that is pickled as all are."""
     if "__pydantic_fields__" not in kind.__dict__:
         return None

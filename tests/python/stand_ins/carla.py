@@ -2,8 +2,8 @@
 
 Its town is one road, 40 m straight, a quarter of a circle to the right, and straight on, with a
 parked car near its end. As with CARLA, y points to the right of x, and yaw and steering turn right.
-``server`` is the one server; CARLA_ABSENT and CARLA_DIES_AT in the environment set what is wrong
-with it.
+``server`` is the one server; CARLA_ABSENT, CARLA_SILENT and CARLA_DIES_AT in the environment set
+what is wrong with it.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from __future__ import annotations
 import fnmatch
 import math
 import os
+import socket
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -250,12 +252,16 @@ class TrafficManager:
 class Client:
     def __init__(self, host: str, port: int) -> None:
         self.place = (host, port)
+        if not os.environ.get("CARLA_ABSENT"):
+            # Others may have their own there at the same time.
+            listener = socket.create_server(self.place, reuse_port=True)
+            weakref.finalize(self, listener.close)
 
     def set_timeout(self, seconds: float) -> None:
         assert seconds > 0
 
     def get_world(self) -> World:
-        if os.environ.get("CARLA_ABSENT"):
+        if os.environ.get("CARLA_SILENT"):
             raise RuntimeError(_SILENT)
         return World()
 

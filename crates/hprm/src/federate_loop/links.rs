@@ -48,7 +48,10 @@ pub(super) struct FederateLinks {
     host: HostId,
     serials: LinkSerials,
     descriptors: Descriptors,
-    /// Whether a link with a peer may have something to write. If not, a flush looks at none of them.
+    /// The peers to which frames are to be sent since the last flush, in the order of the first ones. On a machine whose
+    /// processors are busy, the kernel may let a process that is notified run at once, and the next one waits for it.
+    unsent: Vec<FederateId>,
+    /// Whether other links with peers may have something to write. If not, a flush looks at none of them.
     peers_may_have_outbound: bool,
     /// The same for the link to the RTI.
     rti_may_have_outbound: bool,
@@ -164,6 +167,10 @@ impl PolledLinks {
         self.outgoing.get(&peer).or_else(|| self.incoming.get(&peer))
     }
 
+    fn to_mut(&mut self, peer: FederateId) -> Option<&mut PolledLink> {
+        self.outgoing.get_mut(&peer).or_else(|| self.incoming.get_mut(&peer))
+    }
+
     /// Whether the RTI certainly runs as the same user on this machine: a Unix socket links only such processes.
     fn rti_is_same_user(&self) -> bool {
         self.rti.as_ref().is_some_and(|polled| polled.link.is_local())
@@ -215,6 +222,7 @@ impl FederateLinks {
             advertised,
             serials: LinkSerials::default(),
             descriptors: BTreeMap::new(),
+            unsent: Vec::new(),
             peers_may_have_outbound: true,
             rti_may_have_outbound: true,
             write_failure: None,
@@ -394,12 +402,12 @@ impl FederateLinks {
         frame: Frame,
         descriptor: Option<OwnedFd>,
     ) {
-        let PolledLinks { outgoing, incoming, .. } = &mut self.polled;
-        let link = outgoing.get_mut(&to).or_else(|| incoming.get_mut(&to));
-        if let Some(polled) = link {
+        if let Some(polled) = self.polled.to_mut(to) {
             self.log.sent(Party::Federate(to), &frame);
             polled.link.queue(frame, descriptor);
-            self.peers_may_have_outbound = true;
+            if !self.unsent.contains(&to) {
+                self.unsent.push(to);
+            }
         }
     }
 
@@ -464,7 +472,13 @@ impl FederateLinks {
 
     /// The same for the links with peers alone.
     pub(super) fn flush_peers(&mut self) {
-        if !mem::take(&mut self.peers_may_have_outbound) {
+        let others = mem::take(&mut self.peers_may_have_outbound);
+        for peer in self.unsent.drain(..) {
+            if let Some(polled) = self.polled.to_mut(peer) {
+                self.peers_may_have_outbound |= flush(&mut polled.link, &mut self.write_failure);
+            }
+        }
+        if !others {
             return;
         }
         let PolledLinks { outgoing, incoming, .. } = &mut self.polled;
