@@ -126,6 +126,9 @@ def _declare(options: argparse.Namespace) -> int:
         code, lines = 0, [declared.text]
     except BaseException as error:
         code, lines = _hprm.loading_failed(error, options.file)
+        if code == 0:
+            # It has shown its help, for example.
+            lines = ["null"]
     with open(options.out, "w", encoding="utf-8") as file:
         file.write("\n".join(lines))
     return code

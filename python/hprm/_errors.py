@@ -152,9 +152,14 @@ def _as_in_diagnostics(path: str) -> str:
         return path
 
 
+def is_of_library(file: str) -> bool:
+    """Tell whether a file is not the program's own."""
+    return any(folder in file for folder in _LIBRARIES)
+
+
 def _own(stack: traceback.StackSummary) -> list[traceback.FrameSummary]:
     """Return the frames that are neither of libraries nor, if there are others, of made code."""
-    frames = [it for it in stack if not any(folder in it.filename for folder in _LIBRARIES)]
+    frames = [it for it in stack if not is_of_library(it.filename)]
     frames = [it for it in frames if not it.filename.startswith("<frozen ")]
     return [it for it in frames if it.filename != "<string>"] or frames
 

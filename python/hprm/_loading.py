@@ -18,7 +18,7 @@ from functools import cache
 from types import ModuleType
 from typing import Any, BinaryIO
 
-from hprm import _findings, _hprm, _parameters, _places, _threads
+from hprm import _errors, _findings, _hprm, _parameters, _places, _threads
 from hprm._declared import Declared
 from hprm._mistakes import ProgramError
 from hprm._reactor import Federation, Reactor
@@ -47,6 +47,9 @@ def load(path: str, properties: list[str]) -> Declared:
     try:
         return _load(path, properties)
     except SystemExit as error:
+        if _is_of_library(error):
+            # A parser of the command line has told the user what is wrong, or shown its help.
+            raise
         raise _ended(path, error) from None
 
 
@@ -65,6 +68,11 @@ def _load(path: str, properties: list[str]) -> Declared:
     found = _only(module, file) if name is None else _named(module, file, name)
     stated = [it.removeprefix(_PARAMETER) for it in properties if it.startswith(_PARAMETER)]
     return Declared(_made(found, file, dict(it.split("=", 1) for it in stated)))
+
+
+def _is_of_library(error: SystemExit) -> bool:
+    *_, (frame, _) = traceback.walk_tb(error.__traceback__)
+    return _errors.is_of_library(frame.f_code.co_filename)
 
 
 def _ended(path: str, error: SystemExit) -> ProgramError:

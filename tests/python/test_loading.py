@@ -106,6 +106,30 @@ def test_a_constructor_that_ends_the_interpreter_is_an_error(tmp_path: Path) -> 
     assert "\n --> app.py:4:9\n" in err
 
 
+@pytest.mark.parametrize("kind", ["Reactor", "Federation"])
+def test_a_parser_of_the_command_line_says_itself_what_is_wrong(tmp_path: Path, kind: str) -> None:
+    (tmp_path / "app.py").write_text(f"""
+import argparse
+import hprm
+
+class Main(hprm.{kind}):
+    def __init__(self):
+        parser = argparse.ArgumentParser(prog="app")
+        parser.add_argument("--rate", type=int)
+        parser.parse_args()
+""")
+    code, out, err = hprm(tmp_path, "run", "app.py", "--", "--rate", "x")
+    usage = "usage: app [-h] [--rate RATE]\n"
+    assert (code, out, err) == (
+        2,
+        "",
+        f"{usage}app: error: argument --rate: invalid int value: 'x'\n",
+    )
+    code, out, err = hprm(tmp_path, "run", "app.py", "--", "--help")
+    assert code == 0
+    assert (out + err).startswith(usage) and "error" not in out + err
+
+
 @pytest.mark.parametrize(
     ("option", "hint"),
     [

@@ -21,6 +21,9 @@ use crate::{python, signals};
 /// The class that a federation extends, itself or by another file.
 const FEDERATION: &[u8] = b"Federation";
 
+/// What an interpreter answers that the program has ended, as one does that shows its help.
+const ENDED: &str = "null";
+
 /// The file of a program: without the name of a reactor, as in `app.py:Vision`.
 pub(crate) fn file_of(path: &Path) -> &Path {
     named(path).map_or(path, |named| Path::new(named.file))
@@ -99,6 +102,9 @@ pub(crate) fn declare<'a>(
         return Ok(Err(Undeclared { code: exit_code(status, path), reports: reports.collect() }));
     }
     match answer.read().map_err(unable)? {
+        text if text == ENDED => {
+            Ok(Err(Undeclared { code: ExitCode::SUCCESS, reports: Vec::new() }))
+        }
         text if !text.is_empty() => Ok(Ok(text)),
         _ => Err(Error::new(format!("{} has not declared a program", path.display()))
             .hint("does it end the interpreter when it is imported?")),
