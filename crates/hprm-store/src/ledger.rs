@@ -210,6 +210,11 @@ impl Ledger {
         self.limits.capacity_bytes
     }
 
+    /// Bytes copied into objects since the start.
+    pub(crate) fn bytes_copied(&self) -> u64 {
+        self.stats.bytes_copied
+    }
+
     /// Counts bytes that were copied into a loan.
     pub fn count_copy(&mut self, bytes: u64) {
         self.stats.bytes_copied += bytes;

@@ -450,6 +450,12 @@ impl Store {
         self.ledger.stats()
     }
 
+    /// [`StoreStats::bytes_copied`], without what the rest of [`Self::stats`] costs.
+    #[must_use]
+    pub fn bytes_copied(&self) -> u64 {
+        self.ledger.bytes_copied()
+    }
+
     /// How many bytes each reader holds. An object that several hold counts for each of them.
     #[must_use]
     pub fn held(&self) -> BTreeMap<FederateId, u64> {

@@ -36,7 +36,7 @@ use crate::board::{BoardWriter, FederateState, Stage};
 use crate::link::Network;
 use crate::link::descriptors::no_notifier;
 use crate::log::log_names;
-use crate::recorder::{Flags, Kind, LoopRecording, Member, Recorder, Size};
+use crate::recorder::{Flags, Kind, LoopRecording, Member, Recorder, Size, Waiting};
 use crate::trace::Trace;
 use crate::workers::Workers;
 use crate::{Clock, Failure, Host, Inbox, Report, ValueExchange, enter_realtime};
@@ -135,6 +135,8 @@ where
         scheduler: Scheduler::new(Arc::clone(&options.program), scope),
         workers,
         recorder,
+        waiting: None,
+        messages_at: None,
         now: Clock::now(),
         inbox,
         host,
@@ -177,6 +179,10 @@ struct FederateLoop<'a, H: Host> {
     scheduler: Scheduler<H::Value>,
     workers: Workers<H::Value>,
     recorder: Recorder,
+    /// What the last round of the loop waited for, if the run is traced.
+    waiting: Option<Waiting>,
+    /// When this round handled its first message, if the run is traced.
+    messages_at: Option<PhysicalTime>,
     /// What the clock showed at the beginning of this round of the loop.
     now: PhysicalTime,
     inbox: &'a Inbox<H::Value>,
@@ -230,6 +236,7 @@ where
             // The loop reads the clock before the inbox: an action that another thread schedules after that has
             // a later time, so what the machine promises to other federates for this time stays true.
             let before = mem::replace(&mut self.now, Clock::now());
+            self.note_round();
             match advanced {
                 true => {
                     self.pace.tag_took(self.now.since(before), ThreadUsage::of_this_thread);
@@ -545,7 +552,7 @@ where
         if let Some(exchange) = &self.exchange {
             let mut payload = exchange.put(to, self.host.send_in_process(channel, &value)?);
             payload.physical = physical;
-            self.recorder.message(Kind::Sent, (channel, tag), Size::REFERENCE);
+            self.recorder.sent((channel, tag), Size::REFERENCE);
             self.counts.message(channel, tag, &payload);
             return self.handle(Input::Send { channel, tag, payload });
         }
@@ -553,7 +560,7 @@ where
         let shares_memory = machine.shares_memory_with(to);
         let is_local = shares_memory && links.is_same_user(to);
         let precede = shares_memory && links.descriptors_precede(to, route.physical);
-        let copied = self.recorder.is_on().then(|| objects.store().stats().bytes_copied);
+        let copied = self.recorder.is_on().then(|| objects.store().bytes_copied());
         let payload = self.host.encode(objects.allocator(), channel, &value, is_local)?;
         if self.federation.is_watched() {
             self.show((channel, arrives), Ok(&payload));
@@ -573,9 +580,9 @@ where
         }
         payload.physical = physical;
         if let Some(before) = copied {
-            let now = self.federation.objects.store().stats().bytes_copied;
+            let now = self.federation.objects.store().bytes_copied();
             let flags = if now == before { Flags::NONE } else { Flags::COPIED };
-            self.recorder.message(Kind::Sent, (channel, tag), Size::of(&payload, flags));
+            self.recorder.sent((channel, tag), Size::of(&payload, flags));
         }
         self.counts.message(channel, tag, &payload);
         self.handle(Input::Send { channel, tag, payload })
@@ -719,7 +726,6 @@ where
         let inbox = self.inbox;
         let found = inbox.may_sleep().then(|| self.host.run_unlocked(|| links.wait(inbox, until)));
         inbox.waited(found.is_some_and(|found| found.notified));
-        self.recorder.wait_end();
         // The wait has found what had come before it. This thread may have been preempted since the kernel
         // looked last, so of what came during the wait, the loop may not know yet.
         if found.is_some() {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use hprm_core::{Program, Scheduler, Scope, Tag};
 
-use crate::recorder::{Flags, LoopRecording, Member, Recorder, TraceRequest, Wait};
+use crate::recorder::{Flags, LoopRecording, Member, Recorder, TraceRequest, Wait, Waiting};
 use crate::trace::Trace;
 use crate::wait::wait_for;
 use crate::workers::Workers;
@@ -100,10 +100,12 @@ where
             let until = (tag != Tag::FOREVER).then_some(due);
             let fd = inbox.as_fd();
             let what = if tag == Tag::FOREVER { Wait::Events } else { Wait::Time };
-            recorder.wait(what, tag, until);
+            let waiting = Waiting { what, tag, since: now, until };
             let rings = inbox.may_sleep() && host.run_unlocked(|| wait_for(fd, until));
             inbox.waited(rings);
-            recorder.wait_end();
+            if recorder.is_on() {
+                recorder.waited(waiting, Clock::now());
+            }
             continue;
         }
         workers.watch_lag(scheduler, host, (tag, due), now);

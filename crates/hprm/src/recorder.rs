@@ -89,12 +89,28 @@ impl Recorder {
         });
     }
 
-    /// A message leaves or arrives; `flags` say how its large parts came into shared memory.
-    pub(crate) fn message(&self, kind: Kind, (channel, tag): (ChannelId, Tag), payload: Size) {
-        self.record(0, || {
-            let Size { inside, shared, flags } = payload;
-            Record::new(kind, flags, channel.0, tag).with_values([inside, shared])
-        });
+    /// The RTI forwards a message.
+    pub(crate) fn forwarded(&self, message: (ChannelId, Tag), payload: Size) {
+        self.record(0, || of_message(Kind::Forwarded, message, payload));
+    }
+
+    /// A message leaves, since what has been recorded last: the reaction that has sent it has ended then.
+    #[inline]
+    pub(crate) fn sent(&self, message: (ChannelId, Tag), payload: Size) {
+        if let Some(lanes) = &self.0 {
+            let record = of_message(Kind::Sent, message, payload);
+            let now = lanes.latest();
+            lanes.push_at(0, Record { time: now, ..record }, now);
+        }
+    }
+
+    /// A message has arrived, and was read at this time.
+    #[inline]
+    pub(crate) fn received(&self, message: (ChannelId, Tag), payload: Size, at: PhysicalTime) {
+        if let Some(lanes) = &self.0 {
+            let record = of_message(Kind::Received, message, payload);
+            lanes.push_at(0, Record { time: at, ..record }, at);
+        }
     }
 
     /// A frame of the coordination leaves or arrives; it is of `federate`, or for it.
@@ -109,18 +125,15 @@ impl Recorder {
         }
     }
 
-    /// The loop waits, until a time if that is known.
-    pub(crate) fn wait(&self, what: Wait, tag: Tag, until: Option<PhysicalTime>) {
-        self.record(0, || {
-            let until = until.map_or(0, |until| until.0.cast_unsigned());
-            let record = Record::new(Kind::WaitStart, Flags::NONE, 0, tag);
-            record.with_detail(what as u8).with_values([until, 0])
-        });
-    }
-
-    /// The loop continues.
-    pub(crate) fn wait_end(&self) {
-        self.record(0, || Record::new(Kind::WaitEnd, Flags::NONE, 0, Tag::NEVER));
+    /// The loop continues after a wait.
+    #[inline]
+    pub(crate) fn waited(&self, waiting: Waiting, now: PhysicalTime) {
+        if let Some(lanes) = &self.0 {
+            let Waiting { what, tag, since, until } = waiting;
+            let values = [until.unwrap_or(PhysicalTime(0)), now].map(|it| it.0.cast_unsigned());
+            let record = Record::new(Kind::Waited, Flags::NONE, 0, tag).with_detail(what as u8);
+            lanes.push_at(0, Record { time: since, ..record.with_values(values) }, now);
+        }
     }
 
     /// Tag zero is at this time.
@@ -130,6 +143,17 @@ impl Recorder {
             record.with_values([at.0.cast_unsigned(), 0])
         });
     }
+}
+
+/// What a loop waits for, and since when.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Waiting {
+    pub(crate) what: Wait,
+    /// For which tag.
+    pub(crate) tag: Tag,
+    pub(crate) since: PhysicalTime,
+    /// Until when, if that is known.
+    pub(crate) until: Option<PhysicalTime>,
 }
 
 /// How large a message is.
@@ -156,6 +180,11 @@ impl Size {
         }
         Self { inside, shared, flags }
     }
+}
+
+fn of_message(kind: Kind, (channel, tag): (ChannelId, Tag), payload: Size) -> Record {
+    let Size { inside, shared, flags } = payload;
+    Record::new(kind, flags, channel.0, tag).with_values([inside, shared])
 }
 
 /// What else a reaction's record says.

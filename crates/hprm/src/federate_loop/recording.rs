@@ -4,8 +4,8 @@ use hprm_core::{ChannelId, Payload, PhysicalTime, Tag};
 use hprm_federated::Input;
 
 use super::{FederateLoop, Phase};
-use crate::Host;
-use crate::recorder::{Flags, Kind, Size, Wait};
+use crate::recorder::{Flags, Kind, Size, Wait, Waiting};
+use crate::{Clock, Host};
 
 impl<H: Host> FederateLoop<'_, H>
 where
@@ -20,7 +20,9 @@ where
                 Some(_) => Size::REFERENCE,
                 None => Size::of(payload, Flags::NONE),
             };
-            self.recorder.message(Kind::Received, message, size);
+            // The loop has read all messages of this round before it handles the first of them.
+            let at = *self.messages_at.get_or_insert_with(Clock::now);
+            self.recorder.received(message, size, at);
         }
     }
 
@@ -34,7 +36,7 @@ where
 
     /// The loop waits now.
     #[inline]
-    pub(super) fn note_wait(&self, until: Option<PhysicalTime>) {
+    pub(super) fn note_wait(&mut self, until: Option<PhysicalTime>) {
         if !self.recorder.is_on() {
             return;
         }
@@ -50,6 +52,15 @@ where
             _ => Wait::Permission,
         };
         let tag = if self.phase == Phase::Joining { Tag::NEVER } else { tag };
-        self.recorder.wait(what, tag, until);
+        self.waiting = Some(Waiting { what, tag, since: self.now, until });
+    }
+
+    /// A round of the loop begins.
+    #[inline]
+    pub(super) fn note_round(&mut self) {
+        if let Some(waiting) = self.waiting.take() {
+            self.recorder.waited(waiting, self.now);
+        }
+        self.messages_at = None;
     }
 }

@@ -228,15 +228,14 @@ impl Converter {
         self.latest = self.latest.max(record.time);
         match record.kind {
             Kind::ReactionStart => self.reaction(lane, record),
-            Kind::WaitStart => {
+            Kind::Waited => {
                 let name = Wait::name(record.detail);
                 let mut event = self.event(lane, record, SLICE_BEGIN, Category::Wait, name);
                 event.arguments.extend(until(record));
-                self.slices.begin(lane, Kind::WaitStart, 0);
                 self.emit(event);
+                self.end_slice(lane, PhysicalTime(record.values[1].cast_signed()));
             }
             Kind::ReactionEnd => self.end(lane, Kind::ReactionStart, record),
-            Kind::WaitEnd => self.end(lane, Kind::WaitStart, record),
             Kind::Sent | Kind::Received | Kind::Forwarded => self.message(lane, record),
             Kind::FrameSent | Kind::FrameReceived => self.frame(record),
             Kind::Scheduled => {

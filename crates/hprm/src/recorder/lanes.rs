@@ -3,6 +3,8 @@
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::Thread;
 
+use hprm_core::PhysicalTime;
+
 use super::record::{Record, Words};
 use super::ring::{Ring, lost};
 use crate::Clock;
@@ -31,13 +33,31 @@ impl Lanes {
         }
     }
 
-    /// Records in the lane of a thread.
+    /// Records in the lane of a thread what happens now.
     #[inline]
     pub(super) fn push(&self, lane: usize, record: Record) {
-        let record = Record { time: Clock::now(), ..record };
-        if self.rings[lane].push(&record) {
+        let now = Clock::now();
+        self.push_at(lane, Record { time: now, ..record }, now);
+    }
+
+    /// Records in the lane of a thread what has happened at the record's time, and has lasted until `end`. Where something
+    /// later is recorded already, it has happened then: times go up in a lane.
+    #[inline]
+    pub(super) fn push_at(&self, lane: usize, record: Record, end: PhysicalTime) {
+        let ring = &self.rings[lane];
+        let time = record.time.max(ring.latest());
+        ring.note_time(time.max(end));
+        if ring.push(&Record { time, ..record }) {
             self.wake();
         }
+    }
+
+    /// The latest time that threads have recorded: to read the clock takes longer than to record.
+    #[inline]
+    pub(super) fn latest(&self) -> PhysicalTime {
+        let threads = &self.rings[..self.rings.len() - 1];
+        let latest = threads.iter().map(Ring::latest).max();
+        latest.filter(|it| *it > PhysicalTime(0)).unwrap_or_else(Clock::now)
     }
 
     /// The number that a tracepoint of this name has: 1 or more.
@@ -105,5 +125,33 @@ impl Lanes {
 
     fn names(&self) -> MutexGuard<'_, Vec<String>> {
         self.names.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use hprm_core::Tag;
+
+    use super::super::record::{Flags, Kind};
+    use super::*;
+
+    #[test]
+    fn times_go_up_in_a_lane() {
+        let lanes = Lanes::new(2, 8);
+        let push = |lane, time, end| {
+            let record = Record::new(Kind::Waited, Flags::NONE, 0, Tag::START);
+            lanes.push_at(lane, Record { time: PhysicalTime(time), ..record }, PhysicalTime(end));
+        };
+        [(0, 5, 9), (0, 7, 7), (1, 3, 20), (0, 8, 12), (0, 30, 30)]
+            .into_iter()
+            .for_each(|(lane, time, end)| push(lane, time, end));
+        let mut times = [Vec::new(), Vec::new()];
+        for (lane, times) in times.iter_mut().enumerate() {
+            lanes.drain(lane, |words| times.push(Record::of_words(words).unwrap().time.0));
+        }
+        assert_eq!(times, [vec![5, 9, 9, 30], vec![3]]);
+        assert_eq!(lanes.latest(), PhysicalTime(30));
+        push(2, 40, 40);
+        assert_eq!(lanes.latest(), PhysicalTime(30), "tracepoints are of any thread");
     }
 }

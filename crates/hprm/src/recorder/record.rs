@@ -26,10 +26,9 @@ pub enum Kind {
     FrameSent,
     /// A frame of the coordination has arrived.
     FrameReceived,
-    /// The loop has nothing to do; the detail says what it waits for, the first value until when.
-    WaitStart,
-    /// The loop continues.
-    WaitEnd,
+    /// The loop has had nothing to do from the record's time on; the detail says what it waited for, the values until
+    /// when at most, and when it continued.
+    Waited,
     /// An action was scheduled, to the tag; the subject is the action.
     Scheduled,
     /// A tracepoint of the program; the subject is its name, the first value is that of the tracepoint.
@@ -41,7 +40,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    const ALL: [Self; 13] = [
+    const ALL: [Self; 12] = [
         Self::ReactionStart,
         Self::ReactionEnd,
         Self::Sent,
@@ -49,8 +48,7 @@ impl Kind {
         Self::Forwarded,
         Self::FrameSent,
         Self::FrameReceived,
-        Self::WaitStart,
-        Self::WaitEnd,
+        Self::Waited,
         Self::Scheduled,
         Self::Tracepoint,
         Self::Started,
@@ -227,7 +225,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// One without values, which gets its time when it is recorded.
+    /// One without values, and without its time.
     #[must_use]
     pub fn new(kind: Kind, flags: Flags, subject: u32, tag: Tag) -> Self {
         Self { kind, flags, detail: 0, subject, time: PhysicalTime(0), tag, values: [0, 0] }

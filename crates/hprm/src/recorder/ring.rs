@@ -3,7 +3,7 @@
 //! All memory is there from the beginning. Records for which there is no room are counted; the count is a record
 //! itself, where they are missing.
 
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicI64, AtomicU64, AtomicUsize, Ordering};
 
 use hprm_core::{PhysicalTime, Tag};
 
@@ -31,6 +31,8 @@ struct Producer {
     missing: AtomicU64,
     /// How many were lost altogether.
     lost: AtomicU64,
+    /// The latest time of a record.
+    time: AtomicI64,
 }
 
 #[derive(Default, Debug)]
@@ -50,6 +52,18 @@ impl Ring {
             producer: Producer::default(),
             consumer: Consumer::default(),
         }
+    }
+
+    /// The latest time of a record is this one.
+    #[inline]
+    pub(super) fn note_time(&self, now: PhysicalTime) {
+        self.producer.time.store(now.0, Ordering::Relaxed);
+    }
+
+    /// What [`Self::note_time`] has noted last.
+    #[inline]
+    pub(super) fn latest(&self) -> PhysicalTime {
+        PhysicalTime(self.producer.time.load(Ordering::Relaxed))
     }
 
     /// Puts a record in, or counts it as lost. Returns whether the ring has become half full.

@@ -51,7 +51,7 @@ impl RtiRecording {
         }
         if let Frame::Message { channel, tag, payload } = frame {
             let size = Size::of(payload, Flags::NONE);
-            self.recorder.message(Kind::Forwarded, (*channel, *tag), size);
+            self.recorder.forwarded((*channel, *tag), size);
         } else if let Some(federate) = self.federates.get(&link) {
             self.recorder.frame(Kind::FrameSent, *federate, frame);
         }

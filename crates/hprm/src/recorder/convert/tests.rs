@@ -83,8 +83,7 @@ fn record() -> impl Strategy<Value = Record> {
     let kinds = [
         Kind::ReactionStart,
         Kind::ReactionEnd,
-        Kind::WaitStart,
-        Kind::WaitEnd,
+        Kind::Waited,
         Kind::Lost,
         Kind::Sent,
         Kind::Scheduled,
