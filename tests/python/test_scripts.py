@@ -154,6 +154,25 @@ def test_a_failure_ends_the_script_with_the_exit_code(tmp_path: Path) -> None:
     assert "_launching" not in err and "SystemExit" not in err
 
 
+def test_a_mistake_is_shown_as_the_command_shows_it(tmp_path: Path) -> None:
+    text = WHOLE.replace('Timer("10 ms")', 'Timer("10 foo")') + "hprm.run(Vision())\n"
+    out, err = script(tmp_path, text, code=1)
+    command = str(Path(sys.executable).with_name("hprm"))
+    told = subprocess.run(
+        [command, "run", "vision.py"], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert not out and err.startswith("error[LF0403]: ")
+    assert (err, 1) == (told.stderr, told.returncode)
+
+
+def test_other_errors_are_shown_as_python_shows_them(tmp_path: Path) -> None:
+    _, err = script(tmp_path, WHOLE + "hprm.run(1 / 0)\n", code=1)
+    assert err.startswith("Traceback") and err.endswith("ZeroDivisionError: division by zero\n")
+    hook = "import sys\nsys.excepthook = lambda *_: print('mine')\n"
+    out, err = script(tmp_path, hook + WHOLE.replace('"10 ms"', '"10 foo"'), code=1)
+    assert (out, err) == (["mine"], ""), "a hook that is there stays"
+
+
 @pytest.mark.filterwarnings("ignore")
 def test_cells_of_a_notebook_define_and_run_programs(tmp_path: Path) -> None:
     cells = [WHOLE, "hprm.run(Vision(first=3))", "hprm.run(Vision(first=6))"]
