@@ -72,8 +72,12 @@ test: toolchain ## check format and lints, then run all Rust and Python tests, a
 # denies warnings in the crates of this workspace, and sees others as rustc does.
 check: export RUSTC_WORKSPACE_WRAPPER := clippy-driver
 check: export CLIPPY_ARGS := -Dwarnings
+# As maturin compiles the extension, or cargo would compile that again whenever the two follow one another. No test is
+# linked to it: `--all-targets` would make one.
+check: export PYO3_BUILD_EXTENSION_MODULE := 1
+check: export PYO3_ENVIRONMENT_SIGNATURE := $(shell $(PY) -c 'import struct, sys; print("%s-%d.%d-%dbit" % (sys.implementation.name, *sys.version_info[:2], 8 * struct.calcsize("P")))' 2>/dev/null)
 check: lint-other $(VENV)/.checked $(VENV)/.requirements ## the same without the mutants
-	cargo build $(TESTED) --all-targets
+	cargo build $(TESTED) --lib --bins --tests --benches --examples
 	cargo test $(TESTED)
 	$(BIN)/python -m pytest tests/python -n $(WORKERS) --dist worksteal
 
