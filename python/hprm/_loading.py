@@ -47,7 +47,7 @@ def load(path: str, properties: list[str]) -> Declared:
     try:
         return _load(path, properties)
     except SystemExit as error:
-        if _is_of_library(error):
+        if _is_of_library(path, error):
             # A parser of the command line has told the user what is wrong, or shown its help.
             raise
         raise _ended(path, error) from None
@@ -70,15 +70,23 @@ def _load(path: str, properties: list[str]) -> Declared:
     return Declared(_made(found, file, dict(it.split("=", 1) for it in stated)))
 
 
-def _is_of_library(error: SystemExit) -> bool:
+def _is_of_library(path: str, error: SystemExit) -> bool:
+    """Tell whether a library has ended the interpreter, other than by a call of ``exit()``."""
     *_, (frame, _) = traceback.walk_tb(error.__traceback__)
-    return _errors.is_of_library(frame.f_code.co_filename)
+    file = os.path.abspath(frame.f_code.co_filename)
+    if file == _file_of(path) or "_sitebuiltins" in file:
+        return False
+    return _errors.is_of_library(file)
+
+
+def _file_of(path: str) -> str:
+    return os.path.abspath((_hprm.named_program(path) or (path,))[0])
 
 
 def _ended(path: str, error: SystemExit) -> ProgramError:
     """Say where the program has ended the interpreter, instead of declaring itself."""
     place, code = None, "" if error.code is None else repr(error.code)
-    file = os.path.abspath((_hprm.named_program(path) or (path,))[0])
+    file = _file_of(path)
     for frame, line in traceback.walk_tb(error.__traceback__):
         if os.path.abspath(frame.f_code.co_filename) == file:
             place = _places.of_line(frame.f_code.co_filename, line)

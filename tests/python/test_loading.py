@@ -104,6 +104,9 @@ def test_a_constructor_that_ends_the_interpreter_is_an_error(tmp_path: Path) -> 
     assert code == 1
     assert "app.py ends the interpreter while it is loaded: sys.exit('no device')" in err
     assert "\n --> app.py:4:9\n" in err
+    (tmp_path / "app.py").write_text(text + "quit()\n")
+    code, _, err = hprm(tmp_path, "run", "app.py")
+    assert (code, err.count("\n --> app.py:4:9\n")) == (1, 1)
 
 
 @pytest.mark.parametrize("kind", ["Reactor", "Federation"])
