@@ -12,7 +12,7 @@ use hprm::recorder::TRACE;
 use hprm::{Address, Failure, FederationId, Handover, Meeting, Security, TlsFiles};
 use hprm_core::FederateId;
 use hprm_declared::Declaration;
-use hprm_model::{Compiled, ExecutableFederate, Purpose};
+use hprm_model::{Compiled, ExecutableFederate};
 
 use crate::args::FederateArguments;
 use crate::message::Error;
@@ -26,17 +26,12 @@ pub(crate) fn is_program(path: &Path) -> bool {
     is_executable && !is_other
 }
 
-/// Has an executable declare the program that it is. Returns what starts it, and the declaration. To run it, it must be a
-/// federation.
+/// Has an executable declare the program that it is. Returns what starts it, and the declaration.
 ///
 /// # Errors
 ///
 /// Why there is none.
-pub(crate) fn declared(
-    path: &Path,
-    arguments: &[&OsString],
-    purpose: Purpose,
-) -> Result<ExecutableFederate, Error> {
+pub(crate) fn declared(path: &Path, arguments: &[&OsString]) -> Result<ExecutableFederate, Error> {
     let unable = |what: String| Error::new(what);
     let absolute = std::path::absolute(path)
         .map_err(|error| unable(format!("{} cannot be found: {error}", path.display())))?;
@@ -52,8 +47,7 @@ pub(crate) fn declared(
             Some((why, hint)) => unable(why.to_owned()).hint(hint),
             None => unable(why),
         })?;
-    let is_other = |declared: Declaration| !declared.is_federation();
-    if purpose == Purpose::Run && Declaration::read(&declaration).is_ok_and(is_other) {
+    if Declaration::read(&declaration).is_ok_and(|declared| !declared.is_federation()) {
         let error = Error::option(format!("{} declares no federation", path.display()));
         return Err(error.hint(
             "a program without federates is run directly, without `hprm`; an executable that is a federate is named \

@@ -22,9 +22,6 @@ pub(crate) struct Document {
     /// Of an executable, the parameters that it has: names, and types as people know them.
     #[serde(default)]
     pub(crate) parameters: Vec<(String, String)>,
-    /// Of an executable, whether it runs its program by itself, in one process: then it is no federate of another one.
-    #[serde(default)]
-    pub(crate) whole: bool,
     /// Of an executable, why it does not take the parameters that it was given; it declares nothing else then.
     pub(crate) refused: Option<Refusal>,
 }

@@ -108,9 +108,6 @@ fn beyond_a_reactor(document: &Document) -> Option<&'static str> {
     if document.reactors.get(document.main).is_some_and(|main| main.federated) {
         return Some("a federation of its own");
     }
-    if document.whole {
-        return Some("a program of its own");
-    }
     if document.reactors.iter().any(|reactor| !reactor.executable.is_empty()) {
         return Some("a reactor that is another executable");
     }

@@ -385,7 +385,7 @@ fn what_is_no_declaration_of_a_reactor_is_an_error_at_the_attribute() {
     let mut world = World::new(VISION);
     world.declared.insert("bin/camera", json!({"version": 7}));
     assert_snapshot!(world.errors(), @r#"
-    error[LF1102]: the declaration of the executable /bin/camera cannot be read: unknown field `version`, expected one of `files`, `properties`, `main`, `reactors`, `modules`, `parameters`, `whole`, `refused` at line 1 column 10
+    error[LF1102]: the declaration of the executable /bin/camera cannot be read: unknown field `version`, expected one of `files`, `properties`, `main`, `reactors`, `modules`, `parameters`, `refused` at line 1 column 10
      --> Main.lf:3:5
       |
     3 |     @executable("bin/camera", "--fast")

@@ -342,7 +342,6 @@ impl Runnable {
     ///
     /// If a body does.
     pub fn run(mut self) -> Result<(), Failure> {
-        describe::answer_whole(&self.program)?;
         let inbox = self.entrances.ready()?;
         let trace =
             self.logical_trace.map(|file| Trace::create(&file, &self.program)).transpose()?;

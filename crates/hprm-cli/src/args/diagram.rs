@@ -24,8 +24,8 @@ Examples:
 
 The exit code is 1 if the program has an error, even if there is a diagram of it.")]
 pub(crate) struct Diagram {
-    /// The program: FILE.lf, FILE.py, FILE.py:NAME for one of several main reactors, or an executable: a program in Rust,
-    /// or a federate of another program.
+    /// The program: FILE.lf, FILE.py, FILE.py:NAME for one of several main reactors, or an executable that is a
+    /// federation.
     #[arg(value_name = "FILE")]
     pub(crate) file: PathBuf,
     /// The picture: its name ends in .svg, .png or .html. Without it, NAME.svg in the current directory, where

@@ -39,19 +39,6 @@ pub(super) fn answer(
     })
 }
 
-/// Writes what a program without federates declares, and ends this process, if it was asked for that.
-///
-/// # Errors
-///
-/// If the file cannot be written.
-pub(super) fn answer_whole(program: &Program) -> Result<(), Failure> {
-    write(|| {
-        let mut document = Describe::new(program).document(StoreOptions::default());
-        document["whole"] = json!(true);
-        document
-    })
-}
-
 /// Writes that the parameters do not fit with which this process was asked what it declares, and ends it, if it was asked.
 ///
 /// # Errors
