@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from typing import Any
 
-from hprm import _hprm, _uncaught
+from hprm import _hprm
 from hprm._findings import DECLARED
 from hprm._places import Place
 
@@ -149,5 +149,3 @@ def warn(message: str, place: Place, hint: str) -> None:
 
 for _public in (ProgramError, ProgramFailed, ProgramWarning):
     _public.__module__ = "hprm"
-
-_uncaught.show_mistakes()

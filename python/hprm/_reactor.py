@@ -8,7 +8,7 @@ from abc import ABCMeta
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar
 
-from hprm import _class_body, _construction, _duration, _places, _restart
+from hprm import _class_body, _construction, _duration, _places, _restart, _uncaught
 from hprm._arguments import checked
 from hprm._construction import Construction
 from hprm._duration import Time
@@ -408,3 +408,7 @@ def _adopt_one(container: Reactor, child: Reactor, called: tuple[str, int | None
         )
     construction.container = container
     construction.name, construction.member = name, member
+
+
+# When classes of a program can be made, and not while one runs: that leaves the process as it was.
+_uncaught.show_mistakes()
