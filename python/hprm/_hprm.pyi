@@ -256,6 +256,9 @@ def loading_failed(error: BaseException, path: str) -> tuple[int, list[str]]:
     That is the exit code that follows, and the reports, as JSON.
     """
 
+def tell_mistake(error: BaseException) -> None:
+    """Tell of a mistake in a program, as of one that a run finds."""
+
 def tell_programs() -> None:
     """Have failures told as JSON from now on: one object a line, on the standard error."""
 

@@ -15,15 +15,10 @@ def show_mistakes() -> None:
 
 
 def _show(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-    from hprm import _errors
+    from hprm import _hprm
     from hprm._mistakes import ProgramError
 
-    if not isinstance(error, ProgramError) or error.location is None or error.__cause__:
+    if isinstance(error, ProgramError) and error.location is not None and not error.__cause__:
+        _hprm.tell_mistake(error)
+    else:
         sys.__excepthook__(kind, error, trace)
-        return
-    found = _errors.describe(error, "loading")
-    code = f"[{found.diagnostic}]" if found.diagnostic else ""
-    lines = [f"error{code}: {found.message}", found.excerpt]
-    lines += [f"  hint: {found.hint}"] if found.hint else []
-    lines += ["", f"`hprm explain {found.diagnostic}` says more"] if found.diagnostic else []
-    print(*lines, sep="\n", file=sys.stderr)

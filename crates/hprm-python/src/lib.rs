@@ -83,7 +83,7 @@ mod _hprm {
     #[pymodule_export]
     use crate::run::{
         describe_program, die_with_parent, loading_failed, read_descriptions, run_declared,
-        run_federate, run_program,
+        run_federate, run_program, tell_mistake,
     };
     #[pymodule_export]
     use crate::serialize::array::own;

@@ -22,7 +22,7 @@ use pyo3::types::PyList;
 use crate::checked::Checked;
 use crate::console::{say, tell, tell_caller};
 use crate::embedded;
-use crate::failure::failure_in_loading;
+use crate::failure::{failure_in, failure_in_loading};
 use crate::forced_end;
 use crate::interrupt::Interrupt;
 use crate::load::{Care, load};
@@ -266,6 +266,13 @@ pub(crate) fn loading_failed(
     let failure = failure_in_loading(py, PyErr::from_value(error), path);
     let reports = failure.reports().iter().map(|report| report.json()).collect();
     (failure.exit_code(), reports)
+}
+
+/// Tells of a mistake in a program that the calling script has not handled, as of one that a run finds.
+#[pyfunction]
+pub(crate) fn tell_mistake(error: Bound<'_, PyAny>) {
+    let py = error.py();
+    tell_caller(py, &failure_in(py, PyErr::from_value(error), "loading"));
 }
 
 /// Reads what the launcher hands to this process of executables. Returns the environment variable that has told it, which

@@ -98,9 +98,7 @@ impl Recorder {
     #[inline]
     pub(crate) fn sent(&self, message: (ChannelId, Tag), payload: Size) {
         if let Some(lanes) = &self.0 {
-            let record = of_message(Kind::Sent, message, payload);
-            let now = lanes.latest();
-            lanes.push_at(0, Record { time: now, ..record }, now);
+            lanes.push_during(0, of_message(Kind::Sent, message, payload), [lanes.latest(); 2]);
         }
     }
 
@@ -108,8 +106,7 @@ impl Recorder {
     #[inline]
     pub(crate) fn received(&self, message: (ChannelId, Tag), payload: Size, at: PhysicalTime) {
         if let Some(lanes) = &self.0 {
-            let record = of_message(Kind::Received, message, payload);
-            lanes.push_at(0, Record { time: at, ..record }, at);
+            lanes.push_during(0, of_message(Kind::Received, message, payload), [at; 2]);
         }
     }
 
@@ -132,7 +129,7 @@ impl Recorder {
             let Waiting { what, tag, since, until } = waiting;
             let values = [until.unwrap_or(PhysicalTime(0)), now].map(|it| it.0.cast_unsigned());
             let record = Record::new(Kind::Waited, Flags::NONE, 0, tag).with_detail(what as u8);
-            lanes.push_at(0, Record { time: since, ..record.with_values(values) }, now);
+            lanes.push_during(0, record.with_values(values), [since, now]);
         }
     }
 

@@ -57,7 +57,7 @@ def _filler(kind: Any) -> Callable[[tuple[str, ...], tuple[Any, ...]], Any]:
     if fields is None or not _is_ordinary(kind):
         raise _refused(kind, "neither a dataclass nor a class of attrs nor one of messages")
     slots = frozenset(name for base in kind.__mro__ for name in _slots(base))
-    descriptors = tuple(it for name in fields if name in slots and (it := _static(kind, name)))
+    descriptors = _descriptors(kind, fields)
     in_slots = len(descriptors) == len(fields) > 0 and all(
         type(it) is types.MemberDescriptorType for it in descriptors
     )
@@ -172,7 +172,7 @@ def slots_alone(kind: type) -> tuple[Any, ...] | None:
     if seen or any(_static(kind, name) is not None for name in ("__getattr__", _FINALIZER)):
         return None
     attributes = _static(kind, "__dict__")
-    slots = tuple(_static(kind, name) for name in fields or () if _is_slot(kind, name))
+    slots = _descriptors(kind, fields or [])
     if attributes is not None and type(attributes) is not types.GetSetDescriptorType:
         return None
     if any(type(slot) is not types.MemberDescriptorType for slot in slots):
@@ -237,6 +237,11 @@ def _message_slots(kind: Any) -> dict[str, Any] | None:
     slots = {str(it): _static(kind, f"_{it}") for it in described}
     descriptors = all(type(it) is types.MemberDescriptorType for it in slots.values())
     return slots if descriptors and not dataclasses.is_dataclass(kind) else None
+
+
+def _descriptors(kind: type, fields: list[str]) -> tuple[Any, ...]:
+    """Return what a class has for those of its fields that are in slots."""
+    return tuple(_static(kind, name) for name in fields if _is_slot(kind, name))
 
 
 def _is_slot(kind: type, name: str) -> bool:

@@ -235,7 +235,7 @@ impl Converter {
                 self.emit(event);
                 self.end_slice(lane, PhysicalTime(record.values[1].cast_signed()));
             }
-            Kind::ReactionEnd => self.end(lane, Kind::ReactionStart, record),
+            Kind::ReactionEnd => self.end(lane, record),
             Kind::Sent | Kind::Received | Kind::Forwarded => self.message(lane, record),
             Kind::FrameSent | Kind::FrameReceived => self.frame(record),
             Kind::Scheduled => {
@@ -295,7 +295,7 @@ impl Converter {
         } else if record.flags.has(Flags::TARDY) {
             event.texts.push(("body", "tardy handler".to_owned()));
         }
-        self.slices.begin(lane, Kind::ReactionStart, record.subject);
+        self.slices.begin(lane, record.subject);
         self.emit(event);
         if is_late {
             let missed = format!("deadline missed: {name}");
@@ -304,9 +304,9 @@ impl Converter {
         }
     }
 
-    /// Ends a slice, unless its beginning is missing. Those inside whose end is missing end, too.
-    fn end(&mut self, lane: u32, began: Kind, record: &Record) {
-        for _ in 0..self.slices.end(lane, began, record.subject) {
+    /// Ends the slice of a reaction, unless its beginning is missing. Those inside whose end is missing end, too.
+    fn end(&mut self, lane: u32, record: &Record) {
+        for _ in 0..self.slices.end(lane, record.subject) {
             self.end_slice(lane, record.time);
         }
     }

@@ -37,15 +37,15 @@ impl Lanes {
     #[inline]
     pub(super) fn push(&self, lane: usize, record: Record) {
         let now = Clock::now();
-        self.push_at(lane, Record { time: now, ..record }, now);
+        self.push_during(lane, record, [now; 2]);
     }
 
-    /// Records in the lane of a thread what has happened at the record's time, and has lasted until `end`. Where something
-    /// later is recorded already, it has happened then: times go up in a lane.
+    /// Records in the lane of a thread what has begun and ended at these times. Where something later is recorded already,
+    /// it has begun then: times go up in a lane.
     #[inline]
-    pub(super) fn push_at(&self, lane: usize, record: Record, end: PhysicalTime) {
+    pub(super) fn push_during(&self, lane: usize, record: Record, [begin, end]: [PhysicalTime; 2]) {
         let ring = &self.rings[lane];
-        let time = record.time.max(ring.latest());
+        let time = begin.max(ring.latest());
         ring.note_time(time.max(end));
         if ring.push(&Record { time, ..record }) {
             self.wake();
@@ -140,7 +140,7 @@ mod tests {
         let lanes = Lanes::new(2, 8);
         let push = |lane, time, end| {
             let record = Record::new(Kind::Waited, Flags::NONE, 0, Tag::START);
-            lanes.push_at(lane, Record { time: PhysicalTime(time), ..record }, PhysicalTime(end));
+            lanes.push_during(lane, record, [time, end].map(PhysicalTime));
         };
         [(0, 5, 9), (0, 7, 7), (1, 3, 20), (0, 8, 12), (0, 30, 30)]
             .into_iter()

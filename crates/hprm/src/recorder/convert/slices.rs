@@ -2,25 +2,23 @@
 
 use std::collections::HashMap;
 
-use crate::recorder::record::Kind;
-
-/// The open slices of all tracks, from the outer to the inner.
+/// The open slices of all tracks, from the outer to the inner: the numbers of their reactions.
 #[derive(Default)]
 pub(super) struct Slices {
-    open: HashMap<u32, Vec<(Kind, u32)>>,
+    open: HashMap<u32, Vec<u32>>,
 }
 
 impl Slices {
     /// A slice begins.
-    pub(super) fn begin(&mut self, track: u32, kind: Kind, subject: u32) {
-        self.open.entry(track).or_default().push((kind, subject));
+    pub(super) fn begin(&mut self, track: u32, reaction: u32) {
+        self.open.entry(track).or_default().push(reaction);
     }
 
     /// A slice ends. Returns how many ends have to be written: none if its beginning is missing, and more than one if
     /// ends of slices inside it are missing.
-    pub(super) fn end(&mut self, track: u32, kind: Kind, subject: u32) -> usize {
+    pub(super) fn end(&mut self, track: u32, reaction: u32) -> usize {
         let open = self.open.entry(track).or_default();
-        let Some(place) = open.iter().rposition(|it| *it == (kind, subject)) else { return 0 };
+        let Some(place) = open.iter().rposition(|it| *it == reaction) else { return 0 };
         let ends = open.len() - place;
         open.truncate(place);
         ends
