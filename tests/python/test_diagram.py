@@ -59,10 +59,24 @@ def test_an_executable_that_is_a_federation_is_drawn(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "wrote pipeline.svg\n", "")
     texts = {it.text for it in ElementTree.parse(tmp_path / "pipeline.svg").iter()}
     assert {"camera", "detector", "planner", "motor"} <= {str(it).strip() for it in texts}
-    done = draw(rust_examples() / "camera", folder=tmp_path)
-    assert done.returncode == 1
-    assert "camera declares no federation\n" in done.stderr.splitlines(keepends=True)[0]
-    assert [it.name for it in tmp_path.iterdir()] == ["pipeline.svg"]
+
+
+# What federates of other programs declare, and programs of one process: the second with its modes.
+@pytest.mark.parametrize(
+    ("name", "parts"),
+    [
+        ("camera", {"tick", "image"}),
+        ("mixer", {"voices[3]", "×2"}),
+        ("modes", {"working", "resting"}),
+    ],
+)
+def test_an_executable_without_federates_is_drawn(
+    tmp_path: Path, name: str, parts: set[str]
+) -> None:
+    done = draw(rust_examples() / name, "--output", "one.svg", folder=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "wrote one.svg\n", "")
+    texts = {str(it.text).strip() for it in ElementTree.parse(tmp_path / "one.svg").iter()}
+    assert parts <= texts
 
 
 def test_the_picture_of_the_readme_is_what_the_command_draws(tmp_path: Path) -> None:

@@ -163,6 +163,14 @@ def test_an_executable_that_declares_a_federation_is_refused(camera: Path, tmp_p
     assert f"the executable {camera} declares a federation of its own" in done.err
 
 
+def test_an_executable_that_is_a_program_of_its_own_is_refused(
+    camera: Path, tmp_path: Path
+) -> None:
+    write(camera, document(reactor("Camera", [port("image")]), executable="program"))
+    done = call(tmp_path, "check", "Main.lf")
+    assert f"the executable {camera} declares a program of its own" in done.err
+
+
 def test_a_cycle_through_an_executable_is_found_with_names(camera: Path, tmp_path: Path) -> None:
     ports = [port("image"), port("rate", "input")]
     camera_reactor = reactor("Camera", ports)

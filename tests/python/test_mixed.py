@@ -224,6 +224,8 @@ def test_an_executable_that_is_a_federation_is_run_and_checked(folder: Path, ben
     _, err = process.communicate(timeout=60)
     assert process.returncode != 0
     assert "bin/camera declares no federation" in err
+    process = bench.call("check", "bin/camera")
+    assert (process.communicate(timeout=60)[1], process.returncode) == ("", 0)
 
 
 @pytest.mark.parametrize("program", ["Main.lf", "app.py"])
@@ -317,6 +319,54 @@ federated reactor {
         "[sink] (480, 640) 0.25 0.25 [0.25] False",
         "[sink] (2, 3) 0.5 0.5 [0.5] False",
         "[sink] (480, 640) 0.75 0.75 [0.75] False",
+    ]
+
+
+MIXER = """\
+@executable("bin/mixer")
+reactor Mixer {
+  input[3] voices
+  output[2] mixed
+}
+
+reactor Voices {
+  output[3] voices
+  timer t(0, 1 ms)
+  state n = 0
+  reaction(t) -> voices {=
+    self.n += 1
+    # The second amplifier hears nothing at every other tag.
+    for index in range(3 if self.n % 2 else 2):
+        voices[index].set(self.n)
+  =}
+}
+
+reactor Listener {
+  input[2] mixed
+  reaction(mixed) {= print([(it.value if it.is_present else None) for it in mixed], flush=True) =}
+}
+
+federated reactor {
+  voices = new Voices()
+  mixer = new Mixer()
+  listener = new Listener()
+  voices.voices -> mixer.voices
+  mixer.mixed -> listener.mixed
+}
+"""
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_reactions_in_rust_name_single_channels_and_members(
+    folder: Path, bench: Bench, coordination: str
+) -> None:
+    outcome = bench.run(target(f"timeout: 3 ms, coordination: {coordination}") + MIXER)
+    assert outcome.code == 0, outcome.err
+    assert outcome.out.splitlines() == [
+        "[listener] [1, 110]",
+        "[listener] [2, None]",
+        "[listener] [3, 330]",
+        "[listener] [4, None]",
     ]
 
 

@@ -12,7 +12,7 @@ use hprm::recorder::TRACE;
 use hprm::{Address, Failure, FederationId, Handover, Meeting, Security, TlsFiles};
 use hprm_core::FederateId;
 use hprm_declared::Declaration;
-use hprm_model::{Compiled, ExecutableFederate};
+use hprm_model::{Compiled, ExecutableFederate, Purpose};
 
 use crate::args::FederateArguments;
 use crate::message::Error;
@@ -26,12 +26,17 @@ pub(crate) fn is_program(path: &Path) -> bool {
     is_executable && !is_other
 }
 
-/// Has an executable declare the program that it is. Returns what starts it, and the declaration.
+/// Has an executable declare the program that it is. Returns what starts it, and the declaration. To run it, it must be a
+/// federation.
 ///
 /// # Errors
 ///
 /// Why there is none.
-pub(crate) fn declared(path: &Path, arguments: &[&OsString]) -> Result<ExecutableFederate, Error> {
+pub(crate) fn declared(
+    path: &Path,
+    arguments: &[&OsString],
+    purpose: Purpose,
+) -> Result<ExecutableFederate, Error> {
     let unable = |what: String| Error::new(what);
     let absolute = std::path::absolute(path)
         .map_err(|error| unable(format!("{} cannot be found: {error}", path.display())))?;
@@ -47,12 +52,17 @@ pub(crate) fn declared(path: &Path, arguments: &[&OsString]) -> Result<Executabl
             Some((why, hint)) => unable(why.to_owned()).hint(hint),
             None => unable(why),
         })?;
-    if Declaration::read(&declaration).is_ok_and(|declared| !declared.is_federation()) {
+    let read = Declaration::read(&declaration).ok();
+    if purpose == Purpose::Run && read.as_ref().is_some_and(|it| !it.is_federation()) {
         let error = Error::option(format!("{} declares no federation", path.display()));
         return Err(error.hint(
             "a program without federates is run directly, without `hprm`; an executable that is a federate is named \
              in a program, and that is run",
         ));
+    }
+    if let Some(name) = read.as_ref().and_then(Declaration::lacks) {
+        let what = format!("{} is a federate that needs the parameter `{name}`", path.display());
+        return Err(Error::new(what).hint("name the program instead that states its value"));
     }
     Ok(ExecutableFederate { command, parameters: Vec::new(), declaration })
 }

@@ -99,7 +99,7 @@ impl Program<'_> {
     /// Compiles a program that is an executable of its own.
     fn of_executable(&self, purpose: Purpose) -> Result<Outcome, Error> {
         let Self { path, properties, arguments, .. } = self;
-        let itself = executable::declared(path, arguments)?;
+        let itself = executable::declared(path, arguments, purpose)?;
         let text = &itself.declaration;
         let mut disk = Disk::from_environment();
         match hprm_lf::compile_declared(text, properties, &mut disk, purpose) {

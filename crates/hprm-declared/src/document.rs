@@ -22,8 +22,22 @@ pub(crate) struct Document {
     /// Of an executable, the parameters that it has: names, and types as people know them.
     #[serde(default)]
     pub(crate) parameters: Vec<(String, String)>,
+    /// Of an executable, what it is; its reactions may name single members of banks, and single channels.
+    pub(crate) executable: Option<Executable>,
     /// Of an executable, why it does not take the parameters that it was given; it declares nothing else then.
     pub(crate) refused: Option<Refusal>,
+}
+
+/// What an executable is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Executable {
+    /// A federate of a program that names it.
+    Federate,
+    /// A program of several processes.
+    Federation,
+    /// A program that it runs by itself, in one process.
+    Program,
 }
 
 /// Why an executable does not take its parameters.

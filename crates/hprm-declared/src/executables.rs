@@ -108,6 +108,9 @@ fn beyond_a_reactor(document: &Document) -> Option<&'static str> {
     if document.reactors.get(document.main).is_some_and(|main| main.federated) {
         return Some("a federation of its own");
     }
+    if document.executable == Some(document::Executable::Program) {
+        return Some("a program of its own");
+    }
     if document.reactors.iter().any(|reactor| !reactor.executable.is_empty()) {
         return Some("a reactor that is another executable");
     }

@@ -27,7 +27,7 @@ mod references;
 use hprm_core::Fact;
 use hprm_model::{Compiled, Library, Report};
 
-use crate::document::Document;
+use crate::document::{Document, Refusal};
 
 pub use crate::executables::{Described, describe};
 pub use crate::named::NamedProgram;
@@ -99,6 +99,15 @@ impl Declaration {
     #[must_use]
     pub fn is_federation(&self) -> bool {
         self.0.reactors.get(self.0.main).is_some_and(|main| main.federated)
+    }
+
+    /// The name of a parameter without which an executable does not tell what it is.
+    #[must_use]
+    pub fn lacks(&self) -> Option<&str> {
+        match self.0.refused.as_ref()? {
+            Refusal::Missing(name) => Some(name),
+            Refusal::Unknown(_) | Refusal::Wrong(..) => None,
+        }
     }
 
     /// The parameters of the main reactor, each with its value as text.

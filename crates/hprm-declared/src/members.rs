@@ -13,7 +13,12 @@ use crate::places::Places;
 use crate::references::{effect, no_mode, references, trigger};
 
 /// All members but instances, in an order in which reactions and connections keep theirs.
-pub(crate) fn members(reactor: &Reactor, places: &Places) -> Result<Vec<Member>, Malformed> {
+/// `body` is what its reactions run.
+pub(crate) fn members(
+    reactor: &Reactor,
+    body: Body,
+    places: &Places,
+) -> Result<Vec<Member>, Malformed> {
     let mut members = Vec::new();
     for port in &reactor.ports {
         members.push(Member::Port(self::port(port, places)?));
@@ -38,7 +43,7 @@ pub(crate) fn members(reactor: &Reactor, places: &Places) -> Result<Vec<Member>,
         add(Member::Connection(self::connection(connection, places)?), connection.mode)?;
     }
     for reaction in &reactor.reactions {
-        add(Member::Reaction(self::reaction(reaction, reactor, places)?), reaction.mode)?;
+        add(Member::Reaction(self::reaction(reaction, (reactor, body), places)?), reaction.mode)?;
     }
     Ok(members)
 }
@@ -156,7 +161,7 @@ fn connection(connection: &Connection, places: &Places) -> Result<ConnectionNode
 
 fn reaction(
     reaction: &Reaction,
-    reactor: &Reactor,
+    (reactor, body): (&Reactor, Body),
     places: &Places,
 ) -> Result<ReactionNode, Malformed> {
     let span = places.span(reaction.at)?;
@@ -167,10 +172,8 @@ fn reaction(
         triggers: triggers.collect::<Result<_, _>>()?,
         sources: references(&reaction.sources, places)?,
         effects: effects.collect::<Result<_, _>>()?,
-        late: reaction.tardy.then_some(Late { wait: None, body: Some(Body::Bound) }),
-        deadline: reaction
-            .deadline
-            .map(|delay| Deadline { delay: time(delay, span), body: Body::Bound }),
-        ..ReactionNode::new(Body::Bound, span)
+        late: reaction.tardy.then_some(Late { wait: None, body: Some(body) }),
+        deadline: reaction.deadline.map(|delay| Deadline { delay: time(delay, span), body }),
+        ..ReactionNode::new(body, span)
     })
 }

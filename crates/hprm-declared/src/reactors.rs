@@ -1,13 +1,13 @@
 //! The declarations of a document as a library: each reactor after those that it contains.
 
 use hprm_model::declaration::{
-    Attribute, Expression, ExpressionKind, Instantiation, Member, Name, Parameter, ReactorKind,
-    ReactorNode,
+    Attribute, Body, Expression, ExpressionKind, Instantiation, Member, Name, Parameter,
+    ReactorKind, ReactorNode,
 };
 use hprm_model::{ClassId, Diagnostic, FileId, Given, Library, Report, Span};
 
 use crate::Malformed;
-use crate::document::{At, Child, Document, Reactor};
+use crate::document::{At, Child, Document, Executable, Reactor};
 use crate::members::{attribute, attributes, in_mode, members, width};
 use crate::places::Places;
 use crate::properties;
@@ -27,7 +27,10 @@ pub(crate) fn library(document: &Document, report: &mut Report) -> Result<Librar
     if reactor.at.0 != FileId::MAIN.index() {
         return Err(Malformed::new("the main reactor is not in the first file"));
     }
-    let class = reactors.class(*main)?;
+    let class = match document.executable {
+        Some(Executable::Federate) => reactors.alone(reactor)?,
+        _ => reactors.class(*main)?,
+    };
     let properties = properties::properties(properties, &reactors.places)?;
     library.set_main(class);
     library.set_properties(FileId::MAIN, properties);
@@ -98,6 +101,19 @@ impl<'d> Reactors<'d> {
         Ok(())
     }
 
+    /// A program that has nothing but the main reactor of this document, which is a part of other programs.
+    fn alone(&mut self, main: &Reactor) -> Result<ClassId, Malformed> {
+        let header = self.places.span(main.at)?;
+        let name = || Name::new(main.name.as_str(), header);
+        let class = self.class(self.document.main)?;
+        let instance =
+            Instantiation { members: Some(vec![class]), ..Instantiation::new(name(), name()) };
+        let mut node = ReactorNode::new(ReactorKind::Main, None, header);
+        node.members.push(Member::Instantiation(instance));
+        self.library.set_part();
+        Ok(self.library.add_unlisted(header.file, node))
+    }
+
     /// The reactors that the main reactor needs, each after those that it contains.
     fn order(&self) -> Result<Vec<usize>, Malformed> {
         #[derive(Clone, Copy)]
@@ -150,7 +166,8 @@ impl<'d> Reactors<'d> {
     fn reactor(&self, index: usize) -> Result<ReactorNode, Malformed> {
         let reactor = self.known(index)?;
         let header = self.places.span(reactor.at)?;
-        let kind = match (reactor.federated, index == self.document.main) {
+        let is_part = self.document.executable == Some(Executable::Federate);
+        let kind = match (reactor.federated, index == self.document.main && !is_part) {
             (true, _) => ReactorKind::Federated,
             (false, true) => ReactorKind::Main,
             (false, false) => ReactorKind::Plain,
@@ -159,7 +176,8 @@ impl<'d> Reactors<'d> {
         let mut node = ReactorNode::new(kind, name, header);
         node.attributes = executable(reactor, header).into_iter().collect();
         node.parameters = parameters(reactor, header);
-        node.members = members(reactor, &self.places)?;
+        let body = self.document.executable.map_or(Body::Bound, |_| Body::OfExecutable);
+        node.members = members(reactor, body, &self.places)?;
         for child in &reactor.children {
             let instance = Member::Instantiation(self.instance(child)?);
             node.members.push(in_mode(instance, child.mode, reactor)?);

@@ -340,7 +340,7 @@ fn what_is_no_declaration_is_one_error() {
     the declaration of the program cannot be read: "a.b" is no name
     the declaration of the program cannot be read: it has no reactor 3
     the declaration of the program cannot be read: EOF while parsing a value at line 1 column 0
-    the declaration of the program cannot be read: invalid length 0, expected struct Document with 7 elements at line 1 column 2
+    the declaration of the program cannot be read: invalid length 0, expected struct Document with 8 elements at line 1 column 2
     the declaration of the program cannot be read: missing field `main` at line 1 column 13
     the declaration of the program cannot be read: recursion limit exceeded at line 1 column 680
     "#);

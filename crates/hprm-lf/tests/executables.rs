@@ -5,6 +5,7 @@ mod common;
 use std::collections::BTreeMap;
 
 use common::connections;
+use hprm_core::{Effect, PortId, Trigger};
 use hprm_declared::Described;
 use hprm_lf::{SourceLoader, compile, compile_declared, compile_with};
 use hprm_model::{CompileFailure, Compiled, Executable, Given, Purpose};
@@ -154,6 +155,80 @@ fn what_an_executable_declares_is_part_of_the_program() {
     let timer = program.timers.values().next().unwrap();
     assert_eq!((timer.name.as_str(), timer.period), ("tick", 10_000_000));
     assert!(compiled.warnings.is_empty(), "{:?}", compiled.warnings);
+}
+
+/// The ports that each reaction of a federate names, by their full names, sorted.
+fn named_ports(compiled: &Compiled) -> Vec<String> {
+    let program = &compiled.program;
+    let names = |ports: Vec<PortId>| {
+        let mut names: Vec<_> = ports.into_iter().map(|port| program.port_name(port)).collect();
+        names.sort_unstable();
+        names.join(" ")
+    };
+    let reactions = program.reactions.values().map(|reaction| {
+        let triggers = reaction.triggers.iter().filter_map(|trigger| match trigger {
+            Trigger::Port(port) => Some(*port),
+            _ => None,
+        });
+        let effects = reaction.effects.iter().filter_map(|effect| match effect {
+            Effect::Port(port) => Some(*port),
+            _ => None,
+        });
+        let sources = reaction.sources.to_vec();
+        format!("{} | {} | {}", names(triggers.collect()), names(sources), names(effects.collect()))
+    });
+    reactions.collect()
+}
+
+#[test]
+fn reactions_of_executables_name_single_channels_and_members() {
+    let mixer = json!([
+        {
+            "name": "Mixer",
+            "ports": [{"name": "inp", "kind": "input", "width": 3}, {"name": "out", "kind": "output", "width": 2}],
+            "children": [{"name": "part", "members": [1, 1], "bank": true}],
+            "reactions": [
+                {"name": "reaction_1", "triggers": [{"name": "inp", "channel": 2}],
+                 "sources": [{"name": "inp", "channel": 0}, {"child": "part", "member": 1, "name": "y"}],
+                 "effects": [{"name": "out", "channel": 1}, {"child": "part", "member": 0, "name": "x"}]},
+                {"name": "reaction_2", "triggers": [{"name": "inp"}], "effects": [{"name": "out"}]},
+            ],
+        },
+        {"name": "Part", "ports": [{"name": "x", "kind": "input"}, {"name": "y", "kind": "output"}]},
+    ]);
+    let main = r#"
+        @executable("bin/mixer")
+        reactor Mixer { input[3] inp; output[2] out }
+        reactor Source { output[3] out; reaction(startup) -> out {= out[0].set(1) =} }
+        federated reactor {
+            source = new Source()
+            mixer = new Mixer()
+            source.out -> mixer.inp
+        }
+    "#;
+    let mut world = World::new(main).executable("bin/mixer", mixer);
+    // One that says nothing of itself is as a program in Python, whose bodies get all channels.
+    let refused = world.compiled().unwrap_err().to_string();
+    assert!(
+        refused.contains("error[LF0312]: a reaction cannot name one member of a bank"),
+        "{refused}"
+    );
+    world.declared.get_mut("bin/mixer").unwrap()["executable"] = json!("federate");
+    assert_snapshot!(named_ports(&world.compiled().unwrap())[1..].join("\n"), @"
+    Main.mixer.inp[2] | Main.mixer.inp[0] Main.mixer.part[1].y | Main.mixer.out[1] Main.mixer.part[0].x
+    Main.mixer.inp[0] Main.mixer.inp[1] Main.mixer.inp[2] |  | Main.mixer.out[0] Main.mixer.out[1]
+    ");
+    let reactions = &mut world.declared.get_mut("bin/mixer").unwrap()["reactors"][0]["reactions"];
+    reactions[0]["effects"][0]["channel"] = json!(7);
+    assert_snapshot!(world.errors(), @"
+    error[LF0312]: there is no channel 7 here
+     --> /bin/mixer:1:1
+      |
+    1 |
+      | ^
+      |
+      = help: there are 2 channels, from 0 to 1
+    ");
 }
 
 #[test]
@@ -385,7 +460,7 @@ fn what_is_no_declaration_of_a_reactor_is_an_error_at_the_attribute() {
     let mut world = World::new(VISION);
     world.declared.insert("bin/camera", json!({"version": 7}));
     assert_snapshot!(world.errors(), @r#"
-    error[LF1102]: the declaration of the executable /bin/camera cannot be read: unknown field `version`, expected one of `files`, `properties`, `main`, `reactors`, `modules`, `parameters`, `refused` at line 1 column 10
+    error[LF1102]: the declaration of the executable /bin/camera cannot be read: unknown field `version`, expected one of `files`, `properties`, `main`, `reactors`, `modules`, `parameters`, `executable`, `refused` at line 1 column 10
      --> Main.lf:3:5
       |
     3 |     @executable("bin/camera", "--fast")

@@ -8,7 +8,7 @@ use hprm_core::{Connection, Delay, PortId};
 use crate::check::attributes;
 use crate::compiled::Ports;
 use crate::diagnostic::{Diagnostic, Report};
-use crate::instance::{MAX, Tree};
+use crate::instance::{MAX, Node, Tree};
 use crate::legacy::Waits;
 use crate::model::{self, End, Entity};
 use crate::source::Span;
@@ -49,10 +49,14 @@ pub(crate) fn connections(
     connections
 }
 
-/// The channels of one end of a connection in `container`. A member or a channel that there is not is
-/// reported.
-fn channels(tree: &Tree<'_>, container: usize, end: End, report: &mut Report) -> Vec<PortId> {
-    let node = &tree.nodes[container];
+/// The channels of one end of a connection in `node`, or those that a reaction of it names. A member or a channel that
+/// there is not is reported.
+pub(crate) fn channels(
+    tree: &Tree<'_>,
+    node: &Node<'_>,
+    end: End,
+    report: &mut Report,
+) -> Vec<PortId> {
     match end.entity {
         Entity::Port(port) => some_of(end, node.ports[port], report),
         Entity::Contained { instance, port } => {
@@ -117,7 +121,7 @@ fn join(
     let mut row = |ends: &[End], report: &mut Report| -> Option<Vec<PortId>> {
         let mut row = Vec::new();
         for end in ends {
-            row.extend(channels(tree, container, *end, report));
+            row.extend(channels(tree, &tree.nodes[container], *end, report));
             *budget = budget.checked_sub(1)?;
             if row.len() > *budget {
                 return None;

@@ -37,6 +37,8 @@ pub enum Body {
     /// A function that the front end has and gives to the host itself. It is known by its class and
     /// its number among the reactions or methods of the class.
     Bound,
+    /// What an executable has itself. Only such a reaction may name single members of banks and single channels.
+    OfExecutable,
 }
 
 impl Body {
@@ -44,7 +46,7 @@ impl Body {
     pub(crate) fn text(self) -> Option<Span> {
         match self {
             Self::Text(span) => Some(span),
-            Self::Bound => None,
+            Self::Bound | Self::OfExecutable => None,
         }
     }
 }

@@ -47,6 +47,8 @@ pub struct Library {
     main: Option<ClassId>,
     /// The reactors that are executables.
     pub(crate) executables: BTreeMap<ClassId, ExecutableFederate>,
+    /// Whether other programs connect what the main reactor contains.
+    pub(crate) is_part: bool,
 }
 
 impl Library {
@@ -58,7 +60,7 @@ impl Library {
     pub fn new(path: &str, text: String) -> Self {
         let (sources, files, classes) = (Sources::new(), Vec::new(), Vec::new());
         let (main, executables) = (None, BTreeMap::new());
-        let mut library = Self { sources, files, classes, main, executables };
+        let mut library = Self { sources, files, classes, main, executables, is_part: false };
         library.add_file(path, text);
         library
     }
@@ -112,6 +114,11 @@ impl Library {
     /// plain, and its name, if it has one, is that of the file.
     pub fn set_main(&mut self, main: ClassId) {
         self.main = Some(main);
+    }
+
+    /// States that what the main reactor contains is a part of other programs, which connect it. Its inputs may be open.
+    pub fn set_part(&mut self) {
+        self.is_part = true;
     }
 
     /// States that a file imports `class`, and sees it as `name`. A name that has a meaning there already

@@ -85,7 +85,10 @@ pub(crate) fn lower<'a>(
         }
     };
     // Of a program that is otherwise right.
-    unconnected::check(&nodes, &connections, origins.writers.iter().map(|(port, _)| *port), report);
+    if !library.is_part {
+        let written = origins.writers.iter().map(|(port, _)| *port);
+        unconnected::check(&nodes, &connections, written, report);
+    }
     for class in &used {
         models[class.0].iter().for_each(|model| unset::check(model, &library.sources, report));
     }

@@ -168,12 +168,30 @@ pub(crate) struct ResolvedReaction<'a> {
     pub(crate) triggers: Vec<ResolvedTrigger>,
     pub(crate) sources: Vec<Entity>,
     pub(crate) effects: Vec<Entity>,
+    /// Of a reaction that names single members and channels: by port, those that are meant, as what.
+    pub(crate) ends: BTreeMap<(Usage, Entity), Vec<End>>,
     /// Other names that it gives to ports and actions: `port as name`.
     pub(crate) aliases: Vec<(Entity, &'a declaration::Name)>,
     pub(crate) slots: Vec<Slot>,
 }
 
-impl ResolvedReaction<'_> {
+/// As what a reaction names a port.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub(crate) enum Usage {
+    Trigger,
+    Source,
+    Effect,
+}
+
+impl<'a> ResolvedReaction<'a> {
+    /// Its name, if the program gives it one. Executables declare reactions with their numbers for names.
+    pub(crate) fn name(&self) -> Option<&'a str> {
+        let is_number = |name: &str| {
+            name.strip_prefix("reaction_").is_some_and(|rest| rest.parse::<u32>().is_ok())
+        };
+        self.decl.name.as_ref().map(|name| name.text.as_str()).filter(|name| !is_number(name))
+    }
+
     /// The variables that it can read: triggers and sources.
     pub(crate) fn reads(&self) -> impl Iterator<Item = Entity> {
         self.variables().chain(self.sources.iter().copied())
@@ -195,7 +213,7 @@ impl ResolvedReaction<'_> {
     }
 }
 
-/// One port reference of a connection.
+/// One port reference of a connection, or of a reaction that names single members and channels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct End {
     pub(crate) entity: Entity,
@@ -205,6 +223,14 @@ pub(crate) struct End {
     /// The only channel of a multiport that is meant.
     pub(crate) channel: Option<u32>,
     pub(crate) span: Span,
+}
+
+impl End {
+    /// What `reference` says of `entity`.
+    pub(crate) fn new(entity: Entity, reference: &declaration::Reference) -> Self {
+        let declaration::Reference { interleaved, member, channel, span, .. } = *reference;
+        Self { entity, interleaved, member, channel, span }
+    }
 }
 
 #[derive(Debug)]

@@ -5,11 +5,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use hprm_core::{Effect, PortId, ReactionSpec, Trigger};
 
 use crate::compiled::{Access, Argument, ContainedPort, Ports};
+use crate::connections;
 use crate::declaration::PortKind;
 use crate::diagnostic::Report;
 use crate::instance::{Node, Tree};
 use crate::legacy::Waits;
-use crate::model::{self, Entity, Held, Model, Slot};
+use crate::model::{self, Entity, Held, Model, Slot, Usage};
 
 /// The reaction `reaction` of `node`, for the scheduler.
 pub(crate) fn spec<'a>(
@@ -18,12 +19,8 @@ pub(crate) fn spec<'a>(
     reaction: &model::ResolvedReaction<'a>,
     report: &mut Report,
 ) -> ReactionSpec {
-    let mut spec = ReactionSpec::default();
-    // Executables declare their reactions with their numbers for names.
-    let is_number =
-        |name: &str| name.strip_prefix("reaction_").is_some_and(|rest| rest.parse::<u32>().is_ok());
-    let name = reaction.decl.name.as_ref().filter(|name| !is_number(&name.text));
-    spec.label = name.map(|name| name.text.as_str().into());
+    let mut spec =
+        ReactionSpec { label: reaction.name().map(Into::into), ..ReactionSpec::default() };
     for trigger in &reaction.triggers {
         match trigger {
             model::ResolvedTrigger::Startup => spec.triggers.push(Trigger::Startup),
@@ -36,12 +33,13 @@ pub(crate) fn spec<'a>(
                 spec.triggers.push(Trigger::Timer(node.timers[*timer]));
             }
             model::ResolvedTrigger::Variable(entity) => {
-                spec.triggers.extend(channels(tree, node, *entity).into_iter().map(Trigger::Port));
+                let ports = named(tree, node, (reaction, Usage::Trigger), *entity, report);
+                spec.triggers.extend(ports.into_iter().map(Trigger::Port));
             }
         }
     }
     for source in &reaction.sources {
-        spec.sources.extend(channels(tree, node, *source));
+        spec.sources.extend(named(tree, node, (reaction, Usage::Source), *source, report));
     }
     for effect in &reaction.effects {
         match effect {
@@ -49,7 +47,10 @@ pub(crate) fn spec<'a>(
             Entity::Mode(mode, transition) => {
                 spec.effects.push(Effect::Mode(node.modes[*mode], *transition));
             }
-            port => spec.effects.extend(channels(tree, node, *port).into_iter().map(Effect::Port)),
+            port => {
+                let ports = named(tree, node, (reaction, Usage::Effect), *port, report);
+                spec.effects.extend(ports.into_iter().map(Effect::Port));
+            }
         }
     }
     let deadline = reaction.decl.deadline.as_ref();
@@ -72,6 +73,22 @@ pub(crate) fn note_wait<'a>(
     };
     for port in reaction.reads().flat_map(|entity| channels(tree, node, entity)) {
         waits.add(port, wait);
+    }
+}
+
+/// The channels that a reaction names: those of the members that it says, or all.
+fn named<'a>(
+    tree: &Tree<'a>,
+    node: &Node<'a>,
+    (reaction, usage): (&model::ResolvedReaction<'a>, Usage),
+    entity: Entity,
+    report: &mut Report,
+) -> Vec<PortId> {
+    match reaction.ends.get(&(usage, entity)) {
+        Some(ends) => {
+            ends.iter().flat_map(|end| connections::channels(tree, node, *end, report)).collect()
+        }
+        None => channels(tree, node, entity),
     }
 }
 

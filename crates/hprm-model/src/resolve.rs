@@ -1,13 +1,13 @@
 //! Resolution of names: what the triggers, sources, effects and connections of a class refer to, and
 //! whether that is allowed.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
-use crate::declaration::{self, PortKind, Reference};
+use crate::declaration::{self, Body, PortKind, Reference};
 use crate::diagnostic::{Diagnostic, Report, existing};
 use crate::model::{
     Declarations, End, Entity, Placed, ResolvedConnection, ResolvedInstance, ResolvedReaction,
-    ResolvedTrigger,
+    ResolvedTrigger, Usage,
 };
 use crate::slots;
 use crate::transitions;
@@ -39,6 +39,16 @@ impl Role {
     fn writes(self) -> bool {
         matches!(self, Self::Effect | Self::To)
     }
+
+    /// As what a reaction names it.
+    fn usage(self) -> Option<Usage> {
+        match self {
+            Self::Trigger => Some(Usage::Trigger),
+            Self::Source => Some(Usage::Source),
+            Self::Effect => Some(Usage::Effect),
+            Self::From | Self::To => None,
+        }
+    }
 }
 
 /// Without a diagnostic, the failure follows from one that has been reported.
@@ -54,9 +64,12 @@ pub(crate) fn resolve<'a>(
     classes: &Classes<'a>,
     report: &mut Report,
 ) -> (Vec<ResolvedReaction<'a>>, Vec<ResolvedConnection<'a>>) {
-    let resolver = Resolver { declared, classes };
-    let reactions =
-        declared.reactions.iter().map(|placed| resolver.reaction(*placed, report)).collect();
+    let resolver = |names_parts| Resolver { declared, classes, names_parts };
+    let reaction = |placed: &Placed<'a, declaration::ReactionNode>| {
+        resolver(placed.body == Some(Body::OfExecutable)).reaction(*placed, report)
+    };
+    let reactions = declared.reactions.iter().map(reaction).collect();
+    let resolver = resolver(true);
     let connections =
         declared.connections.iter().map(|placed| resolver.connection(*placed, report)).collect();
     (reactions, connections)
@@ -65,6 +78,8 @@ pub(crate) fn resolve<'a>(
 struct Resolver<'r, 'a> {
     declared: &'r Declarations<'a>,
     classes: &'r Classes<'a>,
+    /// Whether one member of a bank, or one channel, can be named.
+    names_parts: bool,
 }
 
 impl<'a> Resolver<'_, 'a> {
@@ -80,6 +95,7 @@ impl<'a> Resolver<'_, 'a> {
             triggers: Vec::new(),
             sources: Vec::new(),
             effects: Vec::new(),
+            ends: BTreeMap::new(),
             aliases: Vec::new(),
             slots: Vec::new(),
         };
@@ -89,10 +105,8 @@ impl<'a> Resolver<'_, 'a> {
                 declaration::TriggerNode::Shutdown => ResolvedTrigger::Shutdown,
                 declaration::TriggerNode::Reset(_) => ResolvedTrigger::Reset,
                 declaration::TriggerNode::Variable(reference) => {
-                    let Some(entity) = self.find(reference, Role::Trigger, report) else {
-                        continue;
-                    };
-                    reaction.aliases.extend(reference.alias.iter().map(|name| (entity, name)));
+                    let entity = self.variable(&mut reaction, reference, Role::Trigger, report);
+                    let Some(entity) = entity else { continue };
                     ResolvedTrigger::Variable(entity)
                 }
             };
@@ -104,12 +118,7 @@ impl<'a> Resolver<'_, 'a> {
                 declaration::EffectNode::Variable(reference) => {
                     match transitions::bare(self.declared, reference) {
                         Some(name) => transitions::reset_assumed(self.declared, name, mode, report),
-                        None => {
-                            let entity = self.find(reference, Role::Effect, report);
-                            let alias = entity.zip(reference.alias.as_ref());
-                            reaction.aliases.extend(alias);
-                            entity
-                        }
+                        None => self.variable(&mut reaction, reference, Role::Effect, report),
                     }
                 }
                 declaration::EffectNode::Mode(transition, name) => {
@@ -144,17 +153,33 @@ impl<'a> Resolver<'_, 'a> {
         }
         let triggers: BTreeSet<Entity> = reaction.variables().collect();
         for reference in &decl.sources {
-            let Some(entity) = self.find(reference, Role::Source, report) else { continue };
-            if !decl.triggers.is_empty() && triggers.contains(&entity) {
+            let entity = self.variable(reaction, reference, Role::Source, report);
+            let Some(entity) = entity else { continue };
+            if !decl.triggers.is_empty() && triggers.contains(&entity) && !self.names_parts {
                 let message = format!("`{}` is already a trigger", as_written(reference));
                 report.add(
                     Diagnostic::error("LF0309", reference.span, message)
                         .hint("remove it here: a trigger can be read as well"),
                 );
             }
-            reaction.aliases.extend(reference.alias.iter().map(|name| (entity, name)));
             reaction.sources.push(entity);
         }
+    }
+
+    /// What a reaction names, which is noted with its other name and, where that may be only a part of it, that part.
+    fn variable(
+        &self,
+        reaction: &mut ResolvedReaction<'a>,
+        reference: &'a Reference,
+        role: Role,
+        report: &mut Report,
+    ) -> Option<Entity> {
+        let entity = self.find(reference, role, report)?;
+        reaction.aliases.extend(reference.alias.iter().map(|name| (entity, name)));
+        if let (Some(usage), true) = (role.usage(), self.names_parts) {
+            reaction.ends.entry((usage, entity)).or_default().push(End::new(entity, reference));
+        }
+        Some(entity)
     }
 
     fn connection(
@@ -164,9 +189,7 @@ impl<'a> Resolver<'_, 'a> {
     ) -> ResolvedConnection<'a> {
         let mut ends = |references: &[Reference], role| -> Vec<End> {
             let end = |reference: &Reference| {
-                let entity = self.find(reference, role, report)?;
-                let Reference { interleaved, member, channel, span, .. } = *reference;
-                Some(End { entity, interleaved, member, channel, span })
+                Some(End::new(self.find(reference, role, report)?, reference))
             };
             references.iter().filter_map(end).collect()
         };
@@ -352,7 +375,7 @@ impl<'a> Resolver<'_, 'a> {
     }
 
     /// Whether one member of a bank, or one channel of a multiport, can be meant here.
-    fn check_part(&self, reference: &Reference, entity: Entity, connects: bool) -> Resolved<()> {
+    fn check_part(&self, reference: &Reference, entity: Entity) -> Resolved<()> {
         if (reference.member, reference.channel) == (None, None) {
             return Ok(());
         }
@@ -365,7 +388,7 @@ impl<'a> Resolver<'_, 'a> {
             Entity::Timer(_) | Entity::Action(_) | Entity::Mode(..) => (None, None),
         };
         let is_multiport = port.is_some_and(|port| port.width.is_some());
-        let (message, hint) = if !connects {
+        let (message, hint) = if !self.names_parts {
             let message = "a reaction cannot name one member of a bank, or one channel";
             (message.to_owned(), "name the port: the reaction gets all of it".to_owned())
         } else if let (Some(member), None) = (reference.member, bank) {
@@ -387,7 +410,7 @@ impl<'a> Resolver<'_, 'a> {
         if let Some(alias) = &reference.alias {
             self.check_alias(alias, entity, connects)?;
         }
-        self.check_part(reference, entity, connects)?;
+        self.check_part(reference, entity)?;
         if !reference.interleaved {
             return Ok(());
         }

@@ -232,7 +232,7 @@ impl<'a> Sketch<'a, '_> {
         let effects = reaction.effects.iter().filter_map(effect).collect();
         let deadline = reaction.decl.deadline.as_ref();
         Reaction {
-            name: reaction.decl.name.as_ref().map(|name| name.text.clone()),
+            name: reaction.name().map(str::to_owned),
             mode: reaction.mode,
             triggers,
             sources,

@@ -342,6 +342,7 @@ impl Runnable {
     ///
     /// If a body does.
     pub fn run(mut self) -> Result<(), Failure> {
+        describe::answer_in_one(&self.program)?;
         let inbox = self.entrances.ready()?;
         let trace =
             self.logical_trace.map(|file| Trace::create(&file, &self.program)).transpose()?;

@@ -28,7 +28,7 @@ const QUICKLY: [&str; 4] =
 const FEDERATION: &str = "[detector] 0 0.5\n[detector] 100000000 0.5\n[detector] 200000000 0.5\n";
 
 /// Examples that are federates of programs in other languages, whose tests run them: `tests/python/test_mixed.py`.
-const FEDERATES: [&str; 4] = ["brighten", "camera", "controller", "scanner"];
+const FEDERATES: [&str; 5] = ["brighten", "camera", "controller", "mixer", "scanner"];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()

@@ -13,8 +13,9 @@ use crate::source::Program;
 
 /// Draw a program: its reactors, their reactions, and how they are connected.
 ///
-/// Diagrams follow the conventions of Lingua Franca. Nothing of the program runs; a program in Python is imported
-/// and makes its reactors. A program with a causality loop is drawn too, with the loop in red.
+/// Diagrams follow the conventions of Lingua Franca. No reaction runs; a program in Python is imported and makes its
+/// reactors, and an executable declares what it is. A program with a causality loop is drawn too, with the loop in
+/// red.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -24,8 +25,8 @@ Examples:
 
 The exit code is 1 if the program has an error, even if there is a diagram of it.")]
 pub(crate) struct Diagram {
-    /// The program: FILE.lf, FILE.py, FILE.py:NAME for one of several main reactors, or an executable that is a
-    /// federation.
+    /// The program: FILE.lf, FILE.py, FILE.py:NAME for one of several main reactors, or an executable: a program in Rust,
+    /// or a federate of another program.
     #[arg(value_name = "FILE")]
     pub(crate) file: PathBuf,
     /// The picture: its name ends in .svg, .png or .html. Without it, NAME.svg in the current directory, where

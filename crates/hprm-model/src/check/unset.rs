@@ -64,8 +64,7 @@ fn check_modes(model: &Model<'_>, sources: &Sources, report: &mut Report) {
         };
         let mut reactions = model.reactions.iter().filter(names_it);
         let enters = |reaction: &ResolvedReaction<'_>| {
-            let is_bound = bodies(reaction).any(|body| body == Body::Bound);
-            is_bound || says(reaction, &[name.text.as_str(), "locals"], sources)
+            is_elsewhere(reaction) || says(reaction, &[name.text.as_str(), "locals"], sources)
         };
         let Some(first) = reactions.next() else { continue };
         if enters(first) || reactions.any(enters) {
@@ -102,7 +101,12 @@ fn mentions(reaction: &ResolvedReaction<'_>, port: usize, sources: &Sources) -> 
     // All arguments at once.
     let names: Vec<&str> = names.map(|slot| slot.name.as_str()).chain(["locals"]).collect();
     // What the front end has may set it.
-    bodies(reaction).any(|body| body == Body::Bound) || says(reaction, &names, sources)
+    is_elsewhere(reaction) || says(reaction, &names, sources)
+}
+
+/// Whether a body of the reaction is no text.
+fn is_elsewhere(reaction: &ResolvedReaction<'_>) -> bool {
+    bodies(reaction).any(|body| body.text().is_none())
 }
 
 fn says(reaction: &ResolvedReaction<'_>, names: &[&str], sources: &Sources) -> bool {

@@ -30,13 +30,23 @@ pub(super) fn answer(
     store: StoreOptions,
     parameters: &Known,
 ) -> Result<(), Failure> {
+    let kind = if program.is_federated() { "federation" } else { "federate" };
     write(|| {
-        let mut document = Describe::new(program).document(store);
+        let mut document = Describe::new(program).document(kind, store);
         if !parameters.is_empty() {
             document["parameters"] = json!(parameters);
         }
         document
     })
+}
+
+/// Writes what a program in one process declares, and ends this process, if it was asked for that.
+///
+/// # Errors
+///
+/// If the file cannot be written.
+pub(super) fn answer_in_one(program: &Program) -> Result<(), Failure> {
+    write(|| Describe::new(program).document("program", StoreOptions::default()))
 }
 
 /// Writes that the parameters do not fit with which this process was asked what it declares, and ends it, if it was asked.
@@ -97,7 +107,8 @@ impl<'p> Describe<'p> {
         }
     }
 
-    fn document(&self, store: StoreOptions) -> Value {
+    /// `kind` is what this executable is.
+    fn document(&self, kind: &str, store: StoreOptions) -> Value {
         let path = std::env::current_exe().unwrap_or_default();
         let reactors: Vec<_> = self.program.reactors.ids().map(|id| self.reactor(id)).collect();
         json!({
@@ -105,6 +116,7 @@ impl<'p> Describe<'p> {
             "properties": properties(&self.program.properties, store),
             "main": 0,
             "reactors": reactors,
+            "executable": kind,
         })
     }
 
