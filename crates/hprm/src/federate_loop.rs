@@ -181,7 +181,7 @@ struct FederateLoop<'a, H: Host> {
     recorder: Recorder,
     /// What the last round of the loop waited for, if the run is traced.
     waiting: Option<Waiting>,
-    /// When this round handled its first message, if the run is traced.
+    /// When the messages of this round had come, once that is known, if the run is traced.
     messages_at: Option<PhysicalTime>,
     /// What the clock showed at the beginning of this round of the loop.
     now: PhysicalTime,
