@@ -219,6 +219,8 @@ toolchain:
 	  echo "  hint: on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
 
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check
+# uv installs what pip would, in a quarter of the time. Where it does not find the index that pip is told to use, pip installs.
+require = $(BIN)/uv pip install --quiet --python $(BIN)/python -r $(1) || $(INSTALL) --quiet -r $(1)
 
 $(VENV)/.build-requirements: requirements-build.txt | toolchain
 	$(PY) -m venv $(VENV)
@@ -227,19 +229,19 @@ $(VENV)/.build-requirements: requirements-build.txt | toolchain
 
 # What tests, lints and benchmarks need beyond that.
 $(VENV)/.requirements: requirements-dev.txt requirements-demo.txt requirements-driving.txt requirements-simulators.txt docs/requirements.txt $(VENV)/.build-requirements
-	$(INSTALL) --quiet -r requirements-dev.txt
+	$(call require,requirements-dev.txt)
 	@touch $@
 
 $(VENV)/.demo-requirements: requirements-demo.txt $(VENV)/.build-requirements
-	$(INSTALL) --quiet -r requirements-demo.txt
+	$(call require,requirements-demo.txt)
 	@touch $@
 
 $(VENV)/.driving-requirements: requirements-driving.txt $(VENV)/.build-requirements
-	$(INSTALL) --quiet -r requirements-driving.txt
+	$(call require,requirements-driving.txt)
 	@touch $@
 
 $(VENV)/.wheel-requirements: requirements-wheel.txt $(VENV)/.build-requirements
-	$(INSTALL) --quiet -r requirements-wheel.txt
+	$(call require,requirements-wheel.txt)
 	@touch $@
 
 BUILT_FROM := $(VENV)/.build-requirements pyproject.toml $(wildcard packaging/*.py) $(RUST_SOURCES)

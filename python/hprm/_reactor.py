@@ -338,7 +338,7 @@ def _adopt(reactor: Reactor, construction: Construction) -> None:
             part = type(reactor)._hprm_parts_[name]
             raise ProgramError(
                 f"the constructor of {type(reactor).__name__} assigns to the {part.kind} `{name}`",
-                construction.place,
+                _assigned_at(reactor, construction, name),
                 "a part is declared by the class and cannot be assigned; give one of them another"
                 " name",
                 "LF1007",
@@ -386,12 +386,17 @@ def _is_of_all(name: str) -> bool:
     return any(name in vars(cls) for cls in Reactor.__mro__)
 
 
-def _refuse_name(reactor: Reactor, construction: Construction, name: str) -> None:
+def _assigned_at(reactor: Reactor, construction: Construction, name: str) -> Place:
+    """Return where a constructor assigns to an attribute, or else where the reactor is made."""
     constructors = [vars(cls).get("__init__") for cls in type(reactor).__mro__]
+    return _places.of_assignment(constructors, name) or construction.place
+
+
+def _refuse_name(reactor: Reactor, construction: Construction, name: str) -> None:
     raise ProgramError(
         f"the constructor of {type(reactor).__name__} assigns to `{name}`, which every reactor has"
         " already",
-        _places.of_assignment(constructors, name) or construction.place,
+        _assigned_at(reactor, construction, name),
         "give the attribute another name",
     )
 

@@ -724,6 +724,23 @@ def test_what_every_reactor_has_is_not_assigned(tmp_path: Path, name: str) -> No
     assert found.hint == "give the attribute another name"
 
 
+def test_a_constructor_that_assigns_to_a_part_is_told_where(tmp_path: Path) -> None:
+    text = """
+        class Source(hprm.Reactor):
+            out = hprm.Output(int)
+
+            def __init__(self):
+                self.count = 0
+                self.out = 3  # here
+
+        class Main(hprm.Reactor):
+            def __init__(self):
+                self.source = Source()
+        """
+    found = error(tmp_path, text)
+    assert found.message == "the constructor of Source assigns to the output `out`"
+
+
 CAMERA = """
 class Camera(hprm.Reactor):
     image = hprm.Output(int)
