@@ -279,8 +279,7 @@ def test_a_wrong_path_or_interpreter_is_one_error(stage: Stage) -> None:
     code, _, err = stage.hprm("run", "app.txt")
     assert err == (
         "error: app.txt is not a program\n"
-        "  hint: programs are files whose name ends in .lf or .py, and executables that are"
-        " federations\n"
+        "  hint: programs are files whose name ends in .lf or .py, and executables\n"
     )
 
 

@@ -54,7 +54,7 @@ def test_a_project_in_rust_runs_and_its_tests_pass(tmp_path: Path) -> None:
     project = tmp_path / "robot-arm"
     # The versions that have been downloaded, and what other tests have compiled.
     shutil.copy(ROOT / "Cargo.lock", project)
-    target = os.environ | {"CARGO_TARGET_DIR": str(ROOT / "target" / "outside")}
+    target = os.environ | {"CARGO_TARGET_DIR": str(ROOT / "target")}
     printed = call("cargo", "run", "--quiet", "--offline", cwd=project, environment=target).stdout
     assert printed.splitlines() == [f"[display] {mean}" for mean in MEANS]
     outcome = call("cargo", "test", "--quiet", "--offline", cwd=project, environment=target)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -268,6 +269,22 @@ def test_a_trace_that_cannot_be_written_is_said_before_anything_runs(bench: Benc
     outcome = bench.run(FEDERATION.format(coordination="centralized"), "--trace", "no/such/run")
     assert outcome.code == 1
     outcome.assert_one_error("no/such/run")
+    os.mkfifo(bench.folder / "pipe")
+    outcome = bench.run(FEDERATION.format(coordination="centralized"), "--trace", "pipe")
+    assert (outcome.code, outcome.out) == (1, "")
+    outcome.assert_one_error("cannot write the trace pipe: nothing reads this pipe")
+
+
+def test_a_trace_goes_through_a_pipe(bench: Bench) -> None:
+    pipe = bench.folder / "pipe"
+    os.mkfifo(pipe)
+    with subprocess.Popen(["cat", pipe], stdout=subprocess.PIPE) as reader:
+        assert reader.stdout is not None
+        outcome = bench.run(FEDERATION.format(coordination="centralized"), "--trace", "pipe")
+        assert outcome.code == 0, outcome.err
+        (bench.folder / "run.trace").write_bytes(reader.stdout.read())
+    outcome = finish(bench.call("trace", "summary", "run.trace"))
+    assert outcome.code == 0, outcome.err
 
 
 def test_other_programs_that_a_body_starts_are_not_traced(bench: Bench) -> None:

@@ -10,6 +10,7 @@ import fcntl
 import json
 import os
 import pty
+import re
 import shutil
 import signal
 import struct
@@ -365,6 +366,40 @@ def test_a_watcher_that_is_killed_disturbs_nothing(bench: Bench) -> None:
         watcher.kill()
     tags = look(bench, run.pid)["motor"]["tags"]
     see(bench, run.pid, lambda it: it["motor"]["tags"] > tags)
+    end(bench, run)
+
+
+def test_the_screen_shows_all_federates_again_after_it_was_small(bench: Bench) -> None:
+    run = bench.start(program())
+    bench.pid("planner")
+    child, terminal = pty.fork()
+
+    def resize(rows: int) -> None:
+        fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", rows, 100, 0, 0))
+
+    if child == 0:
+        os.execv(HPRM, [HPRM, "top", str(run.pid), "--interval", "0.1"])
+    resize(30)
+    os.set_blocking(terminal, False)
+    shown = bytearray()
+
+    def shows(text: bytes) -> bool:
+        with contextlib.suppress(OSError):
+            shown.extend(os.read(terminal, 65536))
+        return text in shown
+
+    until(lambda: shows(b"camera") and shows(b"motor"), "all are shown")
+    os.write(terminal, b"\x1b[B\x1b[B")
+    for rows in (6, 30):
+        shown.clear()
+        resize(rows)
+        until(lambda: shows(b"q: end"), "it is drawn anew")
+    # The first row of the table, with its colours.
+    first = rb"\x1b\[3;1H(\x1b\[[0-9;]*m)*camera"
+    until(lambda: shows(b"motor") and re.search(first, shown), "all are there again")
+    os.kill(child, signal.SIGTERM)
+    os.waitpid(child, 0)
+    os.close(terminal)
     end(bench, run)
 
 

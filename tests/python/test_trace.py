@@ -247,6 +247,21 @@ def test_diff_names_the_first_difference(tmp_path: Path) -> None:
     assert hprm("diff", a, a).returncode == 0
 
 
+def test_diff_warns_of_a_run_that_has_failed(tmp_path: Path) -> None:
+    text = CHANCE.format(module="os", value="1 // (lf.time.logical_elapsed() < 20_000_000)")
+    a = tmp_path / "a.trace"
+    failed = hprm("run", "--logical-trace", a, program(tmp_path, text))
+    assert failed.returncode == 1
+    found = hprm("diff", a, a)
+    assert found.returncode == 0
+    assert (
+        found.stderr.splitlines()
+        == [f"warning: the run of {a} has failed at (20000000 ns, 0): later tags are not compared"]
+        * 2
+    )
+    assert json.loads(hprm("diff", "--json", a, a).stdout)["failed"] == [str(a)] * 2
+
+
 NAMED = {
     "app.py": """\
 import hprm

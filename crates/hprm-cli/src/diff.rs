@@ -2,6 +2,7 @@
 
 use std::process::ExitCode;
 
+use hprm::trace::line::RunEnding;
 use hprm::trace::{Digest, Reader};
 use serde_json::{Value, json};
 
@@ -29,13 +30,22 @@ fn compare(arguments: &args::Diff) -> Result<ExitCode, Error> {
     let ends = [(&a.name, &a.end, a.whole), (&b.name, &b.end, b.whole)];
     let cut = ends.into_iter().filter(|(_, _, whole)| !whole);
     let cut: Vec<_> = cut.map(|(name, end, _)| (name.as_str(), moment(end.end))).collect();
+    let failed = [(&a.name, &a.end), (&b.name, &b.end)];
+    let failed = failed.into_iter().filter(|(_, end)| end.outcome == RunEnding::Failed);
+    let failed: Vec<_> = failed.map(|(name, end)| (name.as_str(), moment(end.end))).collect();
     if arguments.verdict.json {
         let mut verdict = as_json(&comparison, names);
         verdict["cut"] = cut.iter().map(|(name, _)| json!(name)).collect();
+        verdict["failed"] = failed.iter().map(|(name, _)| json!(name)).collect();
         print_line(&verdict.to_string());
     } else {
         for (name, end) in cut {
             let what = format!("{name} breaks off at {end}: what came then is not compared");
+            Error::new(what).show_as_warning();
+        }
+        for (name, end) in failed {
+            let what =
+                format!("the run of {name} has failed at {end}: later tags are not compared");
             Error::new(what).show_as_warning();
         }
         match &comparison.divergence {

@@ -4,12 +4,18 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Has `write` make a file, and puts it into its place; what was there before is gone.
+/// Has `write` make a file, and puts it into its place; what was there before is gone. A link stays, and leads to the new
+/// file; a device is written to.
 ///
 /// # Errors
 ///
 /// If that fails; the place is as it was then, and nothing else is left.
 pub(crate) fn replace(path: &Path, write: impl FnOnce(&Path) -> io::Result<()>) -> io::Result<()> {
+    if path.metadata().is_ok_and(|there| !there.is_file() && !there.is_dir()) {
+        return write(path);
+    }
+    let behind_link = path.is_symlink().then(|| path.canonicalize().ok()).flatten();
+    let path = behind_link.as_deref().unwrap_or(path);
     let mut draft = path.as_os_str().to_owned();
     draft.push(format!(".{}", std::process::id()));
     let draft = PathBuf::from(draft);
@@ -37,5 +43,10 @@ mod tests {
         replace(&path, |draft| fs::write(draft, "two")).unwrap();
         assert_eq!(fs::read_to_string(&path).unwrap(), "two");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+        let link = folder.path().join("link");
+        std::os::unix::fs::symlink(&path, &link).unwrap();
+        replace(&link, |draft| fs::write(draft, "three")).unwrap();
+        assert!(link.is_symlink());
+        assert_eq!(fs::read_to_string(&path).unwrap(), "three");
     }
 }

@@ -140,8 +140,7 @@ fn utf8(path: &Path) -> Result<&str, Error> {
 }
 
 const WHERE: &str = "is the path right? It is relative to the current directory";
-const WHAT: &str =
-    "programs are files whose name ends in .lf or .py, and executables that are federations";
+const WHAT: &str = "programs are files whose name ends in .lf or .py, and executables";
 
 /// Reads a file before anything else, so that a wrong path is one plain error, not a diagnostic in a
 /// file that does not exist.

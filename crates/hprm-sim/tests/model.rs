@@ -235,8 +235,7 @@ fn boards() {
     look_with(Setting { start_delay: 1_000, ..setting.clone() }, "centralized", &clocks);
     look_with(setting.clone(), "centralized", &cases);
     look_with(setting.clone(), "centralized", &disturbed("pair", PAIR, 0));
-    look_with(setting.clone(), "centralized", &disturbed("cycle", CYCLE, 0));
-    look_with(Setting { start_delay: 1_000, ..setting }, "centralized", &clocks);
+    look_with(setting, "centralized", &disturbed("cycle", CYCLE, 0));
 }
 
 #[test]

@@ -191,7 +191,10 @@ impl Federation {
                 return waiting(vec![Wait { kind: "rti", text, on }]);
             }
             Stage::Loading => {
-                return Doing::new(Kind::Starts, format!("has loaded its program for {since}"));
+                return Doing::new(
+                    Kind::Starts,
+                    format!("has been loading its program for {since}"),
+                );
             }
             Stage::Ending => {
                 let text = "has processed its last tag, and sends its last frames";

@@ -176,7 +176,7 @@ impl Rates<'_> {
 fn size(bytes: f64) -> String {
     match bytes {
         0.0..1e3 => format!("{bytes:.0} B"),
-        1e3..1e6 => format!("{:.1} kB", bytes / 1e3),
+        1e3..1e6 => format!("{:.1} KB", bytes / 1e3),
         1e6..1e9 => format!("{:.1} MB", bytes / 1e6),
         _ => format!("{:.1} GB", bytes / 1e9),
     }
@@ -189,6 +189,6 @@ mod tests {
     #[test]
     fn sizes_have_units() {
         let shown = [0.0, 999.0, 1_500.0, 5e7, 2.5e9].map(size);
-        assert_eq!(shown, ["0 B", "999 B", "1.5 kB", "50.0 MB", "2.5 GB"]);
+        assert_eq!(shown, ["0 B", "999 B", "1.5 KB", "50.0 MB", "2.5 GB"]);
     }
 }

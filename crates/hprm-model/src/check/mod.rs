@@ -89,10 +89,14 @@ pub(crate) fn main_class(library: &Library, report: &mut Report) -> Option<Class
     {
         let message =
             format!("the main reactor `{}` does not have the name of its file", name.text);
-        report.add(
-            Diagnostic::error("LF0213", name.span, message)
-                .hint(format!("remove the name, or change it to `{}`", stem(path))),
-        );
+        let stem = stem(path);
+        let is_name = stem.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+            && !stem.starts_with(|c: char| c.is_ascii_digit());
+        let hint = match is_name {
+            true => format!("remove the name, or change it to `{stem}`"),
+            false => "remove the name".to_owned(),
+        };
+        report.add(Diagnostic::error("LF0213", name.span, message).hint(hint));
     }
     Some(*main)
 }

@@ -2,11 +2,15 @@
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 use super::convert::{Lost, convert};
 use super::request::TraceRequest;
 use super::share::ShareReader;
+use rustix::fs::OFlags;
+use rustix::io::Errno;
+
 use crate::trace::{Draft, Folder};
 use crate::{Failure, Kind, Report};
 
@@ -15,6 +19,8 @@ use crate::{Failure, Kind, Report};
 pub struct Shares {
     /// What the trace will be called.
     path: PathBuf,
+    /// What is there already and is no plain file: it is written to.
+    there: Option<File>,
     folder: Folder,
     capacity: usize,
 }
@@ -24,10 +30,13 @@ impl Shares {
     ///
     /// # Errors
     ///
-    /// If the folder cannot be made.
+    /// If the folder cannot be made, or the trace cannot be written to what is there.
     pub fn of(path: &Path) -> Result<Self, Failure> {
+        let unwritten = |error| Failure::trace(path, &error);
+        let replaces = Draft::replaces(path).map_err(unwritten)?;
+        let there = (!replaces).then(|| open(path)).transpose().map_err(unwritten)?;
         let folder = Folder::of(path)?;
-        Ok(Self { path: path.to_owned(), folder, capacity: super::DEFAULT_CAPACITY })
+        Ok(Self { path: path.to_owned(), there, folder, capacity: super::DEFAULT_CAPACITY })
     }
 
     /// The same, of processes of which each keeps so many records for each thread at most.
@@ -54,7 +63,7 @@ impl Shares {
     /// # Errors
     ///
     /// If the trace cannot be written.
-    pub fn merge(self) -> Result<Option<Report>, Failure> {
+    pub fn merge(mut self) -> Result<Option<Report>, Failure> {
         let unwritten = |error| Failure::trace(&self.path, &error);
         let mut lost = Vec::new();
         let mut files: Vec<_> = fs::read_dir(self.folder())
@@ -63,12 +72,9 @@ impl Shares {
             .collect();
         files.sort();
         let temporary = self.folder().join("trace.merged");
-        let replaces = Draft::replaces(&self.path).map_err(unwritten)?;
-        let out = if replaces {
-            File::create(&temporary)
-        } else {
-            fs::OpenOptions::new().append(true).open(&self.path)
-        };
+        let there = self.there.take();
+        let replaces = there.is_none();
+        let out = there.map_or_else(|| File::create(&temporary), Ok);
         let mut out = BufWriter::new(out.map_err(unwritten)?);
         for file in files {
             lost.extend(add(&file, &mut out).map_err(unwritten)?);
@@ -107,6 +113,20 @@ impl Shares {
             )),
         })
     }
+}
+
+/// Opens what is there, at once: a pipe that nothing reads is an error.
+fn open(path: &Path) -> io::Result<File> {
+    let mut options = fs::OpenOptions::new();
+    options.append(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed());
+    let file = options.open(path).map_err(|error| match Errno::from_io_error(&error) {
+        Some(Errno::NXIO) => io::Error::other("nothing reads this pipe"),
+        _ => error,
+    })?;
+    // A reader of the pipe may be slower than what is written.
+    let flags = rustix::fs::fcntl_getfl(&file)?;
+    rustix::fs::fcntl_setfl(&file, flags - OFlags::NONBLOCK)?;
+    Ok(file)
 }
 
 /// Adds a share to the trace. A process that was killed at once may not have written its names.

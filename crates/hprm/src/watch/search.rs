@@ -154,9 +154,11 @@ impl Search {
     fn unwatched(&self, what: &str, error: &WatchError) -> Report {
         let said = Report::new(Kind::Command, format!("{what} cannot be watched: {error}"));
         match error {
-            WatchError::NotListening => said.hint(
-                "has it ended, or does it run on another machine? Federates are watched on the machine on which they run",
-            ),
+            WatchError::NotListening => said.hint(format!(
+                "has it ended, is it about to start ({}), or does it run on another machine? Federates are watched on the \
+                 machine on which they run",
+                self.words.wait()
+            )),
             WatchError::Silent => {
                 said.hint(format!("wait longer for it: {}", self.words.wait()))
             }

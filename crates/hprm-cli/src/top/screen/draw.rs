@@ -97,6 +97,10 @@ fn federates(frame: &mut Frame<'_>, view: &mut View, area: Rect) {
         .header(Row::new(TITLES.into_iter().take(columns)).style(Modifier::UNDERLINED))
         .row_highlight_style(Modifier::REVERSED)
         .column_spacing(GAP);
+    // A screen that was lower before showed later rows; where there is room again, none is above the first.
+    let shown = usize::from(area.height.saturating_sub(1));
+    let most = view.now.members.len().saturating_sub(shown);
+    *view.chosen.offset_mut() = view.chosen.offset().min(most);
     frame.render_stateful_widget(table, area, &mut view.chosen);
 }
 
