@@ -240,6 +240,19 @@ fn what_is_allowed_is_passed_over() {
     }
 }
 
+/// A name that a reactor cannot have is no advice.
+#[test]
+fn a_file_whose_name_no_reactor_can_have_needs_no_named_main_reactor() {
+    for (path, advice) in
+        [("Arm.lf", "remove the name, or change it to `Arm`"), ("1-a b.lf", "remove the name")]
+    {
+        let mut loader = |_: &str| Ok("target Python\nmain reactor Other { }".to_owned());
+        let failure = hprm_lf::compile(path, &mut loader).unwrap_err();
+        let [error] = &failure.diagnostics[..] else { panic!("{failure}") };
+        assert_eq!((error.code, error.hint.as_deref()), ("LF0213", Some(advice)));
+    }
+}
+
 /// One run tells of several errors, in the text's order.
 #[test]
 fn errors_are_collected() {
