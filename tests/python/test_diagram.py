@@ -79,6 +79,17 @@ def test_an_executable_without_federates_is_drawn(
     assert parts <= texts
 
 
+def test_a_federate_that_needs_parameters_is_one_error(tmp_path: Path) -> None:
+    scanner = rust_examples() / "scanner"
+    done = draw(scanner, folder=tmp_path)
+    assert (done.returncode, done.stderr) == (
+        1,
+        f"error: {scanner} is a federate that needs the parameter `period`\n"
+        "  hint: name the program instead that states its value\n",
+    )
+    assert not list(tmp_path.iterdir())
+
+
 def test_the_picture_of_the_readme_is_what_the_command_draws(tmp_path: Path) -> None:
     draw(PIPELINE, folder=tmp_path)
     kept = ROOT / "docs/_static/pipeline.svg"

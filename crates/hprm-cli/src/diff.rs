@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use hprm::trace::line::RunEnding;
+use hprm::trace::line::{End, RunEnding};
 use hprm::trace::{Digest, Reader};
 use serde_json::{Value, json};
 
@@ -28,22 +28,24 @@ fn compare(arguments: &args::Diff) -> Result<ExitCode, Error> {
     let comparison = judge.compare(&mut a, &mut b)?;
     let names = [a.name.as_str(), b.name.as_str()];
     let ends = [(&a.name, &a.end, a.whole), (&b.name, &b.end, b.whole)];
-    let cut = ends.into_iter().filter(|(_, _, whole)| !whole);
-    let cut: Vec<_> = cut.map(|(name, end, _)| (name.as_str(), moment(end.end))).collect();
-    let failed = [(&a.name, &a.end), (&b.name, &b.end)];
-    let failed = failed.into_iter().filter(|(_, end)| end.outcome == RunEnding::Failed);
-    let failed: Vec<_> = failed.map(|(name, end)| (name.as_str(), moment(end.end))).collect();
+    let ends = ends.map(|(name, end, whole)| (name.as_str(), end, whole));
+    let cut = ends.iter().filter(|(_, _, whole)| !whole);
+    // One that breaks off does not say how its run ended.
+    let has_failed = |end: &End, whole| whole && end.outcome == RunEnding::Failed;
+    let failed = ends.iter().filter(|(_, end, whole)| has_failed(end, *whole));
     if arguments.verdict.json {
         let mut verdict = as_json(&comparison, names);
-        verdict["cut"] = cut.iter().map(|(name, _)| json!(name)).collect();
-        verdict["failed"] = failed.iter().map(|(name, _)| json!(name)).collect();
+        verdict["cut"] = cut.map(|(name, ..)| json!(name)).collect();
+        verdict["failed"] = failed.map(|(name, ..)| json!(name)).collect();
         print_line(&verdict.to_string());
     } else {
-        for (name, end) in cut {
+        for (name, end, _) in cut {
+            let end = moment(end.end);
             let what = format!("{name} breaks off at {end}: what came then is not compared");
             Error::new(what).show_as_warning();
         }
-        for (name, end) in failed {
+        for (name, end, _) in failed {
+            let end = moment(end.end);
             let what =
                 format!("the run of {name} has failed at {end}: later tags are not compared");
             Error::new(what).show_as_warning();

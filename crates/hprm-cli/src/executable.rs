@@ -60,8 +60,8 @@ pub(crate) fn declared(
              in a program, and that is run",
         ));
     }
-    if let Some(name) = read.as_ref().and_then(Declaration::lacks) {
-        let what = format!("{} is a federate that needs the parameter `{name}`", path.display());
+    if let Some(why) = read.as_ref().and_then(Declaration::refusal) {
+        let what = format!("{} is a federate that {why}", path.display());
         return Err(Error::new(what).hint("name the program instead that states its value"));
     }
     Ok(ExecutableFederate { command, parameters: Vec::new(), declaration })

@@ -101,13 +101,14 @@ impl Declaration {
         self.0.reactors.get(self.0.main).is_some_and(|main| main.federated)
     }
 
-    /// The name of a parameter without which an executable does not tell what it is.
+    /// Why an executable that was given no parameters does not tell what it is, as what it does.
     #[must_use]
-    pub fn lacks(&self) -> Option<&str> {
-        match self.0.refused.as_ref()? {
-            Refusal::Missing(name) => Some(name),
-            Refusal::Unknown(_) | Refusal::Wrong(..) => None,
-        }
+    pub fn refusal(&self) -> Option<String> {
+        Some(match self.0.refused.as_ref()? {
+            Refusal::Missing(name) => format!("needs the parameter `{name}`"),
+            Refusal::Unknown(name) => format!("has no parameter `{name}`"),
+            Refusal::Wrong(_, why) => format!("does not take the parameters that it has: {why}"),
+        })
     }
 
     /// The parameters of the main reactor, each with its value as text.

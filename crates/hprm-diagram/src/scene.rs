@@ -89,6 +89,11 @@ impl<'a> Scene<'a> {
         for port in &node.ports {
             symbol::port(port, &mut self.shapes);
         }
+        // A line to a port above may lead through the sign's place.
+        if let Some(Reactor { sign: true, open, .. }) = reactor {
+            let middle = Point { x: node.rect.right() - 14.0, y: node.rect.y + 14.0 };
+            self.shapes.push(Shape::Sign { middle, open: *open });
+        }
         if reactor.is_some() {
             self.shapes.push(Shape::End);
         }
@@ -114,10 +119,6 @@ impl<'a> Scene<'a> {
         }
         let d = rounded(node.rect, CORNER);
         self.shapes.push(Shape::Frame { d, fill, stroke });
-        if let Kind::Reactor(Reactor { sign: true, open, .. }) = &node.kind {
-            let middle = Point { x: node.rect.right() - 14.0, y: node.rect.y + 14.0 };
-            self.shapes.push(Shape::Sign { middle, open: *open });
-        }
         if let Some(heading) = node.heading {
             self.title(node, heading);
         }

@@ -168,12 +168,15 @@ pub(crate) struct ResolvedReaction<'a> {
     pub(crate) triggers: Vec<ResolvedTrigger>,
     pub(crate) sources: Vec<Entity>,
     pub(crate) effects: Vec<Entity>,
-    /// Of a reaction that names single members and channels: by port, those that are meant, as what.
-    pub(crate) ends: BTreeMap<(Usage, Entity), Vec<End>>,
+    /// Of a reaction that names single members and channels: by what it names as what, those that are meant, each once.
+    pub(crate) ends: BTreeMap<(Usage, Entity), BTreeMap<Part, End>>,
     /// Other names that it gives to ports and actions: `port as name`.
     pub(crate) aliases: Vec<(Entity, &'a declaration::Name)>,
     pub(crate) slots: Vec<Slot>,
 }
+
+/// The only member of a bank, and the only channel of a multiport, that are meant.
+pub(crate) type Part = (Option<u32>, Option<u32>);
 
 /// As what a reaction names a port.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]

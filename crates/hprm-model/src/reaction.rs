@@ -86,7 +86,7 @@ fn named<'a>(
 ) -> Vec<PortId> {
     match reaction.ends.get(&(usage, entity)) {
         Some(ends) => {
-            ends.iter().flat_map(|end| connections::channels(tree, node, *end, report)).collect()
+            ends.values().flat_map(|end| connections::channels(tree, node, *end, report)).collect()
         }
         None => channels(tree, node, entity),
     }

@@ -177,7 +177,9 @@ impl<'a> Resolver<'_, 'a> {
         let entity = self.find(reference, role, report)?;
         reaction.aliases.extend(reference.alias.iter().map(|name| (entity, name)));
         if let (Some(usage), true) = (role.usage(), self.names_parts) {
-            reaction.ends.entry((usage, entity)).or_default().push(End::new(entity, reference));
+            let part = (reference.member, reference.channel);
+            let ends = reaction.ends.entry((usage, entity)).or_default();
+            ends.entry(part).or_insert_with(|| End::new(entity, reference));
         }
         Some(entity)
     }
