@@ -16,7 +16,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use hprm_core::{FederateId, Nanos, PhysicalTime, Program};
-use hprm_federated::DnetMode;
+use hprm_federated::{DnetMode, Fault};
 
 use self::check::Judge;
 use self::state::State;
@@ -129,6 +129,7 @@ impl Search {
     /// Takes each step that is possible in a state.
     fn expand(&mut self, origin: usize, depth: usize, state: &State) -> Result<(), Violation> {
         let mut actions: Vec<_> = state.deliveries().collect();
+        let mut advanced = Vec::new();
         let mut time: Option<PhysicalTime> = None;
         let may_act = |me: &FederateId| {
             let node = &state.seats[*me].get().node;
@@ -143,16 +144,17 @@ impl Search {
                     let until = until.filter(|until| *until > state.now);
                     time = time.into_iter().chain(until).min();
                 }
-                _ => actions.push(Action::Advance(me)),
+                turn => advanced.push((Action::Advance(me), next, turn.map(|_| ()))),
             }
         }
         match state.rti_wakeup() {
             Some(until) if until <= state.now => actions.push(Action::Wake),
             until => time = time.into_iter().chain(until).min(),
         }
-        let time = time.filter(|time| *time <= self.horizon || actions.is_empty());
+        let may_go_on = !actions.is_empty() || !advanced.is_empty();
+        let time = time.filter(|time| *time <= self.horizon || !may_go_on);
         actions.extend(time.map(Action::Time));
-        if actions.is_empty() {
+        if time.is_none() && !may_go_on {
             self.explored.ends += 1;
             self.explored.messages = self.explored.messages.max(state.messages());
             if let Some(what) = self.judge.end(state) {
@@ -160,20 +162,18 @@ impl Search {
             }
         }
         actions.extend(state.events());
+        // Whether a federate can advance is known only once it has.
+        for (action, next, done) in advanced {
+            self.arrive((origin, depth), action, next, done)?;
+        }
         for action in actions {
-            self.go(origin, depth, state, action)?;
+            self.go((origin, depth), state, action)?;
         }
         Ok(())
     }
 
-    fn go(
-        &mut self,
-        origin: usize,
-        depth: usize,
-        state: &State,
-        action: Action,
-    ) -> Result<(), Violation> {
-        self.explored.transitions += 1;
+    /// Takes one step from a state.
+    fn go(&mut self, from: (usize, usize), state: &State, action: Action) -> Result<(), Violation> {
         let mut next = state.clone();
         let done = match action {
             Action::Deliver(from, to) => next.deliver(from, to),
@@ -185,6 +185,18 @@ impl Search {
             Action::Wake => next.wake_rti(),
             Action::Happens(happening) => next.happen(happening),
         };
+        self.arrive(from, action, next, done)
+    }
+
+    /// A step has led to this state.
+    fn arrive(
+        &mut self,
+        (origin, depth): (usize, usize),
+        action: Action,
+        next: State,
+        done: Result<(), Fault>,
+    ) -> Result<(), Violation> {
+        self.explored.transitions += 1;
         let wrong = done.err().map(|fault| fault.to_string());
         if let Some(what) = wrong.or_else(|| self.judge.state(&next)) {
             return Err(self.violation(what, origin, Some(action)));
