@@ -57,7 +57,7 @@ enum Activity {
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Federate {
     me: FederateId,
-    topology: Topology,
+    topology: Arc<Topology>,
     /// The fingerprint of its program, for the RTI to compare.
     fingerprint: Arc<Fingerprint>,
     startup: Startup,
@@ -119,7 +119,7 @@ impl Federate {
         listen: Option<String>,
         process: u64,
     ) -> Self {
-        let topology = Topology::new(program);
+        let topology = Arc::new(Topology::new(program));
         let neighbours = topology.upstream(me).iter().chain(topology.downstream(me));
         let partners = neighbours.map(|edge| edge.federate).collect();
         let mut startup = Startup::new(federation, host, partners);

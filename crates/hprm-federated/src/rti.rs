@@ -181,7 +181,7 @@ enum Phase {
 /// The RTI's machine.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Rti {
-    topology: Topology,
+    topology: Arc<Topology>,
     federation: FederationId,
     fingerprint: Arc<Fingerprint>,
     start_delay: Nanos,
@@ -262,7 +262,7 @@ impl Rti {
             failed: false,
             finished: false,
             outputs: VecDeque::new(),
-            topology,
+            topology: Arc::new(topology),
         }
     }
 
