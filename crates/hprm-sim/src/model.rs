@@ -5,7 +5,7 @@
 //! are those that ship; `state` has what surrounds them, `check` what must be true. A violation comes
 //! with the shortest path to it.
 //!
-//! States are compared by a hash of everything that they hold; see `digest`.
+//! States are compared by a hash of everything in which they can differ; see `digest`.
 
 mod check;
 mod digest;
