@@ -175,7 +175,12 @@ fn named_ports(compiled: &Compiled) -> Vec<String> {
             _ => None,
         });
         let sources = reaction.sources.to_vec();
-        format!("{} | {} | {}", names(triggers.collect()), names(sources), names(effects.collect()))
+        format!(
+            "[{}] [{}] [{}]",
+            names(triggers.collect()),
+            names(sources),
+            names(effects.collect())
+        )
     });
     reactions.collect()
 }
@@ -192,6 +197,7 @@ fn reactions_of_executables_name_single_channels_and_members() {
                  "sources": [{"name": "inp", "channel": 0}, {"child": "part", "member": 1, "name": "y"}],
                  "effects": [{"name": "out", "channel": 1}, {"child": "part", "member": 0, "name": "x"}]},
                 {"name": "reaction_2", "triggers": [{"name": "inp"}], "effects": [{"name": "out"}]},
+                {"name": "reaction_3", "sources": [{"name": "inp", "channel": 1}]},
             ],
         },
         {"name": "Part", "ports": [{"name": "x", "kind": "input"}, {"name": "y", "kind": "output"}]},
@@ -215,8 +221,9 @@ fn reactions_of_executables_name_single_channels_and_members() {
     );
     world.declared.get_mut("bin/mixer").unwrap()["executable"] = json!("federate");
     assert_snapshot!(named_ports(&world.compiled().unwrap())[1..].join("\n"), @"
-    Main.mixer.inp[2] | Main.mixer.inp[0] Main.mixer.part[1].y | Main.mixer.out[1] Main.mixer.part[0].x
-    Main.mixer.inp[0] Main.mixer.inp[1] Main.mixer.inp[2] |  | Main.mixer.out[0] Main.mixer.out[1]
+    [Main.mixer.inp[2]] [Main.mixer.inp[0] Main.mixer.part[1].y] [Main.mixer.out[1] Main.mixer.part[0].x]
+    [Main.mixer.inp[0] Main.mixer.inp[1] Main.mixer.inp[2]] [] [Main.mixer.out[0] Main.mixer.out[1]]
+    [] [Main.mixer.inp[1]] []
     ");
     let reactions = &mut world.declared.get_mut("bin/mixer").unwrap()["reactors"][0]["reactions"];
     reactions[0]["effects"][0]["channel"] = json!(7);

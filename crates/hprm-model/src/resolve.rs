@@ -137,7 +137,8 @@ impl<'a> Resolver<'_, 'a> {
 
     fn sources(&self, reaction: &mut ResolvedReaction<'a>, report: &mut Report) {
         let decl = reaction.decl;
-        if decl.triggers.is_empty() {
+        // In Lingua Franca, no trigger stands for all inputs.
+        if decl.triggers.is_empty() && decl.body != Some(Body::OfExecutable) {
             let inputs = self.declared.ports.iter().enumerate();
             reaction.triggers = inputs
                 .filter(|(_, port)| port.kind != PortKind::Output)
