@@ -369,37 +369,45 @@ def test_a_watcher_that_is_killed_disturbs_nothing(bench: Bench) -> None:
     end(bench, run)
 
 
+class Screen:
+    """``hprm top`` in a terminal of its own."""
+
+    def __init__(self, process: int, rows: int) -> None:
+        """Start it beside a federation, in a terminal with so many rows."""
+        self.child, self.terminal = pty.fork()
+        if self.child == 0:
+            fcntl.ioctl(0, termios.TIOCSWINSZ, struct.pack("HHHH", rows, 100, 0, 0))
+            os.execv(HPRM, [HPRM, "top", str(process), "--interval", "0.1"])
+        os.set_blocking(self.terminal, False)
+        self.shown = bytearray()
+
+    def resize(self, rows: int) -> None:
+        """Make the terminal as high as that; what was shown before does not count any more."""
+        self.shown.clear()
+        fcntl.ioctl(self.terminal, termios.TIOCSWINSZ, struct.pack("HHHH", rows, 100, 0, 0))
+
+    def shows(self, text: bytes) -> bool:
+        """Return whether it has shown that."""
+        with contextlib.suppress(OSError):
+            self.shown.extend(os.read(self.terminal, 65536))
+        return text in self.shown
+
+
 def test_the_screen_shows_all_federates_again_after_it_was_small(bench: Bench) -> None:
     run = bench.start(program())
     bench.pid("planner")
-    child, terminal = pty.fork()
-
-    def resize(rows: int) -> None:
-        fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", rows, 100, 0, 0))
-
-    if child == 0:
-        os.execv(HPRM, [HPRM, "top", str(run.pid), "--interval", "0.1"])
-    resize(30)
-    os.set_blocking(terminal, False)
-    shown = bytearray()
-
-    def shows(text: bytes) -> bool:
-        with contextlib.suppress(OSError):
-            shown.extend(os.read(terminal, 65536))
-        return text in shown
-
-    until(lambda: shows(b"camera") and shows(b"motor"), "all are shown")
-    os.write(terminal, b"\x1b[B\x1b[B")
+    screen = Screen(run.pid, 30)
+    until(lambda: screen.shows(b"camera") and screen.shows(b"motor"), "all are shown")
+    os.write(screen.terminal, b"\x1b[B\x1b[B")
     for rows in (6, 30):
-        shown.clear()
-        resize(rows)
-        until(lambda: shows(b"q: end"), "it is drawn anew")
+        screen.resize(rows)
+        until(lambda: screen.shows(b"q: end"), "it is drawn anew")
     # The first row of the table, with its colours.
     first = rb"\x1b\[3;1H(\x1b\[[0-9;]*m)*camera"
-    until(lambda: shows(b"motor") and re.search(first, shown), "all are there again")
-    os.kill(child, signal.SIGTERM)
-    os.waitpid(child, 0)
-    os.close(terminal)
+    until(lambda: screen.shows(b"motor") and re.search(first, screen.shown), "all are there again")
+    os.kill(screen.child, signal.SIGTERM)
+    os.waitpid(screen.child, 0)
+    os.close(screen.terminal)
     end(bench, run)
 
 
@@ -409,18 +417,8 @@ def test_the_screen_ends_with_its_terminal_and_on_a_signal(
 ) -> None:
     run = bench.start(program())
     bench.pid("planner")
-    child, terminal = pty.fork()
-    if child == 0:
-        fcntl.ioctl(0, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 100, 0, 0))
-        os.execv(HPRM, [HPRM, "top", str(run.pid), "--interval", "0.1"])
-    os.set_blocking(terminal, False)
-    shown = bytearray()
-
-    def shows(text: bytes) -> bool:
-        with contextlib.suppress(OSError):
-            shown.extend(os.read(terminal, 65536))
-        return text in shown
-
+    screen = Screen(run.pid, 24)
+    child, terminal, shows = screen.child, screen.terminal, screen.shows
     until(lambda: shows(b"planner"), "it is shown")
     if ending is None:
         os.close(terminal)

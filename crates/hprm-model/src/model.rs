@@ -169,7 +169,7 @@ pub(crate) struct ResolvedReaction<'a> {
     pub(crate) sources: Vec<Entity>,
     pub(crate) effects: Vec<Entity>,
     /// Of a reaction that names single members and channels: by what it names as what, those that are meant, each once.
-    pub(crate) ends: BTreeMap<(Usage, Entity), BTreeMap<Part, End>>,
+    pub(crate) ends: BTreeMap<(Role, Entity), BTreeMap<Part, End>>,
     /// Other names that it gives to ports and actions: `port as name`.
     pub(crate) aliases: Vec<(Entity, &'a declaration::Name)>,
     pub(crate) slots: Vec<Slot>,
@@ -178,12 +178,30 @@ pub(crate) struct ResolvedReaction<'a> {
 /// The only member of a bank, and the only channel of a multiport, that are meant.
 pub(crate) type Part = (Option<u32>, Option<u32>);
 
-/// As what a reaction names a port.
+/// What a reference is used for.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
-pub(crate) enum Usage {
+pub(crate) enum Role {
     Trigger,
     Source,
     Effect,
+    From,
+    To,
+}
+
+impl Role {
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Trigger => "a trigger",
+            Self::Source => "a source",
+            Self::Effect => "an effect",
+            Self::From => "the source of a connection",
+            Self::To => "the destination of a connection",
+        }
+    }
+
+    pub(crate) fn writes(self) -> bool {
+        matches!(self, Self::Effect | Self::To)
+    }
 }
 
 impl<'a> ResolvedReaction<'a> {
@@ -229,6 +247,11 @@ pub(crate) struct End {
 }
 
 impl End {
+    /// All members and channels of `entity`.
+    pub(crate) fn whole(entity: Entity, span: Span) -> Self {
+        Self { entity, interleaved: false, member: None, channel: None, span }
+    }
+
     /// What `reference` says of `entity`.
     pub(crate) fn new(entity: Entity, reference: &declaration::Reference) -> Self {
         let declaration::Reference { interleaved, member, channel, span, .. } = *reference;

@@ -10,7 +10,7 @@ use crate::declaration::PortKind;
 use crate::diagnostic::Report;
 use crate::instance::{Node, Tree};
 use crate::legacy::Waits;
-use crate::model::{self, Entity, Held, Model, Slot, Usage};
+use crate::model::{self, End, Entity, Held, Model, Role, Slot};
 
 /// The reaction `reaction` of `node`, for the scheduler.
 pub(crate) fn spec<'a>(
@@ -33,13 +33,13 @@ pub(crate) fn spec<'a>(
                 spec.triggers.push(Trigger::Timer(node.timers[*timer]));
             }
             model::ResolvedTrigger::Variable(entity) => {
-                let ports = named(tree, node, (reaction, Usage::Trigger), *entity, report);
+                let ports = named(tree, node, (reaction, Role::Trigger), *entity, report);
                 spec.triggers.extend(ports.into_iter().map(Trigger::Port));
             }
         }
     }
     for source in &reaction.sources {
-        spec.sources.extend(named(tree, node, (reaction, Usage::Source), *source, report));
+        spec.sources.extend(named(tree, node, (reaction, Role::Source), *source, report));
     }
     for effect in &reaction.effects {
         match effect {
@@ -48,7 +48,7 @@ pub(crate) fn spec<'a>(
                 spec.effects.push(Effect::Mode(node.modes[*mode], *transition));
             }
             port => {
-                let ports = named(tree, node, (reaction, Usage::Effect), *port, report);
+                let ports = named(tree, node, (reaction, Role::Effect), *port, report);
                 spec.effects.extend(ports.into_iter().map(Effect::Port));
             }
         }
@@ -71,8 +71,10 @@ pub(crate) fn note_wait<'a>(
     let Some(wait) = written.and_then(|written| node.environment.time(written, report)) else {
         return;
     };
-    for port in reaction.reads().flat_map(|entity| channels(tree, node, entity)) {
-        waits.add(port, wait);
+    for entity in reaction.reads() {
+        for port in whole(tree, node, (reaction, entity), report) {
+            waits.add(port, wait);
+        }
     }
 }
 
@@ -80,28 +82,26 @@ pub(crate) fn note_wait<'a>(
 fn named<'a>(
     tree: &Tree<'a>,
     node: &Node<'a>,
-    (reaction, usage): (&model::ResolvedReaction<'a>, Usage),
+    (reaction, role): (&model::ResolvedReaction<'a>, Role),
     entity: Entity,
     report: &mut Report,
 ) -> Vec<PortId> {
-    match reaction.ends.get(&(usage, entity)) {
+    match reaction.ends.get(&(role, entity)) {
         Some(ends) => {
             ends.values().flat_map(|end| connections::channels(tree, node, *end, report)).collect()
         }
-        None => channels(tree, node, entity),
+        None => whole(tree, node, (reaction, entity), report),
     }
 }
 
-/// All channels of a port: a contained one in all members of its bank. None of anything else.
-fn channels(tree: &Tree<'_>, node: &Node<'_>, entity: Entity) -> Vec<PortId> {
-    match entity {
-        Entity::Port(port) => node.ports[port].channels().collect(),
-        Entity::Contained { instance, port } => node.children[instance]
-            .iter()
-            .flat_map(|member| tree.nodes[*member].ports[port].channels())
-            .collect(),
-        Entity::Timer(_) | Entity::Action(_) | Entity::Mode(..) => Vec::new(),
-    }
+/// All channels of a port that the reaction names: of a contained one, in all members of its bank.
+fn whole<'a>(
+    tree: &Tree<'a>,
+    node: &Node<'a>,
+    (reaction, entity): (&model::ResolvedReaction<'a>, Entity),
+    report: &mut Report,
+) -> Vec<PortId> {
+    connections::channels(tree, node, End::whole(entity, reaction.decl.header), report)
 }
 
 /// What the Python function of the reaction gets, by slot.

@@ -7,49 +7,13 @@ use crate::declaration::{self, Body, PortKind, Reference};
 use crate::diagnostic::{Diagnostic, Report, existing};
 use crate::model::{
     Declarations, End, Entity, Placed, ResolvedConnection, ResolvedInstance, ResolvedReaction,
-    ResolvedTrigger, Usage,
+    ResolvedTrigger, Role,
 };
 use crate::slots;
 use crate::transitions;
 
 /// The declarations of all classes in use, by class.
 pub(crate) type Classes<'a> = [Option<Declarations<'a>>];
-
-/// What a reference is used for.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Role {
-    Trigger,
-    Source,
-    Effect,
-    From,
-    To,
-}
-
-impl Role {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Trigger => "a trigger",
-            Self::Source => "a source",
-            Self::Effect => "an effect",
-            Self::From => "the source of a connection",
-            Self::To => "the destination of a connection",
-        }
-    }
-
-    fn writes(self) -> bool {
-        matches!(self, Self::Effect | Self::To)
-    }
-
-    /// As what a reaction names it.
-    fn usage(self) -> Option<Usage> {
-        match self {
-            Self::Trigger => Some(Usage::Trigger),
-            Self::Source => Some(Usage::Source),
-            Self::Effect => Some(Usage::Effect),
-            Self::From | Self::To => None,
-        }
-    }
-}
 
 /// Without a diagnostic, the failure follows from one that has been reported.
 type Resolved<T> = Result<T, Option<Box<Diagnostic>>>;
@@ -177,9 +141,9 @@ impl<'a> Resolver<'_, 'a> {
     ) -> Option<Entity> {
         let entity = self.find(reference, role, report)?;
         reaction.aliases.extend(reference.alias.iter().map(|name| (entity, name)));
-        if let (Some(usage), true) = (role.usage(), self.names_parts) {
+        if self.names_parts {
             let part = (reference.member, reference.channel);
-            let ends = reaction.ends.entry((usage, entity)).or_default();
+            let ends = reaction.ends.entry((role, entity)).or_default();
             ends.entry(part).or_insert_with(|| End::new(entity, reference));
         }
         Some(entity)

@@ -58,11 +58,11 @@ where
     /// A round of the loop begins.
     #[inline]
     pub(super) fn note_round(&mut self) {
-        let waiting = self.waiting.take();
-        // What has ended a wait was there before the loop has read the clock; it need not read it again for that.
-        self.messages_at = waiting.map(|_| self.now);
-        if let Some(waiting) = waiting {
+        self.messages_at = None;
+        if let Some(waiting) = self.waiting.take() {
             self.recorder.waited(waiting, self.now);
+            // What has ended a wait was there before the loop has read the clock; it need not read it again for that.
+            self.messages_at = Some(self.now);
         }
     }
 }

@@ -5,12 +5,12 @@ use std::io::{self, BufWriter, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
-use super::convert::{Lost, convert};
-use super::request::TraceRequest;
-use super::share::ShareReader;
 use rustix::fs::OFlags;
 use rustix::io::Errno;
 
+use super::convert::{Lost, convert};
+use super::request::TraceRequest;
+use super::share::ShareReader;
 use crate::trace::{Draft, Folder};
 use crate::{Failure, Kind, Report};
 
