@@ -68,6 +68,34 @@ def test_a_signal_interrupts_the_main_thread_as_a_handler_says() -> None:
     assert said == ["signal"] * 3
 
 
+def test_a_signal_that_interrupts_no_wait_is_noticed() -> None:
+    # As one that comes just before the wait: here it comes to another thread, and Python calls
+    # its handler in this one.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    turn, begun = Turn(), Turn()
+    noticed = threading.Event()
+    unnoticed: list[str] = []
+
+    def interrupt() -> None:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+        begun.take(10)
+        signal.pthread_kill(threading.get_ident(), signal.SIGINT)
+        if not noticed.wait(10):
+            unnoticed.append("signal")
+            turn.give()
+
+    try:
+        threading.Thread(target=interrupt, daemon=True).start()
+        with pytest.raises(KeyboardInterrupt):
+            turn.take(giving=begun)
+        assert unnoticed == []
+    finally:
+        noticed.set()
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+        signal.signal(signal.SIGINT, before)
+
+
 def test_a_federate_waits_for_each_thread_that_it_wakes() -> None:
     turns = Turns(10.0, 10.0, lambda *_: None)
     due, done = [False, False], []

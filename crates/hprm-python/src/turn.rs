@@ -14,6 +14,10 @@ use pyo3::prelude::*;
 use rustix::io::Errno;
 use rustix::thread::futex;
 
+/// How long a thread waits before it looks for signals. One that comes after the interpreter has looked for them and
+/// before the thread waits interrupts no wait.
+const LOOKS_FOR_SIGNALS: Duration = Duration::from_millis(100);
+
 const ABSENT: u32 = 0;
 const PRESENT: u32 = 1;
 
@@ -64,7 +68,7 @@ impl Turn {
             match waited {
                 Waited::Taken => return Ok(true),
                 Waited::TooLong => return Ok(false),
-                Waited::Interrupted => py.check_signals()?,
+                Waited::LooksForSignals => py.check_signals()?,
             }
         }
     }
@@ -73,8 +77,8 @@ impl Turn {
 enum Waited {
     Taken,
     TooLong,
-    /// By a signal, which a handler in Python may be there for.
-    Interrupted,
+    /// A signal may have come, for which there may be a handler in Python.
+    LooksForSignals,
 }
 
 impl Turn {
@@ -84,12 +88,15 @@ impl Turn {
             if left.is_some_and(|it| it.is_zero()) {
                 return Waited::TooLong;
             }
-            let left = left.and_then(|it| it.try_into().ok());
-            let waited = futex::wait(&self.token, futex::Flags::PRIVATE, ABSENT, left.as_ref());
-            if waited == Err(Errno::INTR) {
-                return Waited::Interrupted;
+            let is_last = left.is_some_and(|it| it <= LOOKS_FOR_SIGNALS);
+            let span = left.unwrap_or(LOOKS_FOR_SIGNALS).min(LOOKS_FOR_SIGNALS);
+            let span = span.try_into().ok();
+            match futex::wait(&self.token, futex::Flags::PRIVATE, ABSENT, span.as_ref()) {
+                Err(Errno::INTR) => return Waited::LooksForSignals,
+                Err(Errno::TIMEDOUT) if !is_last => return Waited::LooksForSignals,
+                // The token is there, the time is over, or the wake was not for this: look again.
+                _ => {}
             }
-            // The token is there, the time is over, or the wake was not for this: look again.
         }
         Waited::Taken
     }

@@ -82,23 +82,23 @@ class Turns:
         waits for may be there already.
         """
         ident = threading.get_ident()
-        with self._lock:
-            if self._is_over:
-                return
-            held = ident in self._holders
-            if held and condition():
-                return
-            waiter = Waiter(ident, condition, sleeps)
-            self._waiters.append(waiter)
-            is_settled = self._release(ident)
-            if is_settled:
-                self._looked = waiter
+        waiter = Waiter(ident, condition, sleeps)
         try:
+            with self._lock:
+                if self._is_over:
+                    return
+                held = ident in self._holders
+                if held and condition():
+                    return
+                self._waiters.append(waiter)
+                is_settled = self._release(ident)
+                if is_settled:
+                    self._looked = waiter
             if not held:
                 poke()
-            # A signal may interrupt this.
             waiter.wakes.take(giving=self._settled if is_settled else None)
         except BaseException:
+            # A signal may interrupt all of this.
             with self._lock:
                 if waiter in self._waiters:
                     self._waiters.remove(waiter)
