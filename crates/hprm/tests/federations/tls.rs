@@ -1,7 +1,5 @@
 //! Encrypted federations: with certificates that the test makes, over real sockets.
 
-mod common;
-
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
@@ -13,7 +11,7 @@ use hprm::{Address, FederateOptions, RtiEvent, Security, TlsFiles};
 use hprm_core::{Coordination, FederateId, Program};
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 
-use common::{
+use crate::common::{
     BOTH, React, bind, federate_with, federation_beside, gather, options, rounds_of, well,
 };
 

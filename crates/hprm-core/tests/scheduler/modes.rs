@@ -1,8 +1,6 @@
 //! Modes: what is active when, and what becomes of events while it is not.
 
-mod common;
-
-use common::{at, on, run};
+use crate::common::{START, at, on, run};
 use hprm_core::{
     Delay, Direction, Effect, ModalElement, ModeId, Nanos, Origin, PortId, ProgramBuilder,
     ProgramError, Properties, ReactionId, ReactionSpec, ReactorId, Transition, Trigger,
@@ -156,7 +154,7 @@ fn events_of_actions_wait_with_their_mode_or_are_forgotten() {
         let switch = at_times(&mut b, &[10, 50]);
         let log = run(b.build().unwrap(), |scheduler, reaction| {
             if reaction == ask {
-                let now = scheduler.tag().due(common::START);
+                let now = scheduler.tag().due(START);
                 scheduler.schedule(action, 0, Some(1), now);
             } else if reaction == switch && scheduler.tag().time == 10 {
                 scheduler.enter(second, Transition::Reset);
@@ -180,7 +178,7 @@ fn what_is_scheduled_in_a_mode_that_is_not_active_waits_for_it() {
     let outside = at_times(&mut b, &[10, 50]);
     let log = run(b.build().unwrap(), |scheduler, reaction| {
         if reaction == outside && scheduler.tag().time == 10 {
-            let now = scheduler.tag().due(common::START);
+            let now = scheduler.tag().due(START);
             let answer = scheduler.schedule(action, 0, Some(1), now);
             assert_eq!(answer, hprm_core::Scheduled::Suspended);
         } else if reaction == outside {

@@ -3,9 +3,6 @@
 //!
 //! Each federate is a thread with its own loop, store and links, exactly as in a process.
 
-// Each test uses some of it.
-#![allow(dead_code)]
-
 use std::cell::OnceCell;
 use std::collections::BTreeMap;
 use std::rc::Rc;

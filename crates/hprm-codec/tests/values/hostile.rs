@@ -1,12 +1,11 @@
 //! Bytes that are no value, or nearly one: each becomes a value or an error, in little memory and time.
 
-mod common;
-#[path = "common/strange_values.rs"]
+#[path = "../common/strange_values.rs"]
 mod strange_values;
 
 use std::sync::Arc;
 
-use common::{parts, read, sent};
+use crate::common::{parts, read, sent};
 use hprm_codec::{Array, Dynamic, Memory, decode, encode, format, outline};
 use proptest::collection::vec;
 use proptest::prelude::*;

@@ -1,10 +1,8 @@
 //! What Rust's types are in the format, which node serves for which type, and what errors say.
 
-mod common;
-
 use std::collections::BTreeMap;
 
-use common::{head, read, refused, sent};
+use crate::common::{head, read, refused, sent};
 use hprm_codec::encode;
 use serde::{Deserialize, Serialize};
 

@@ -1,10 +1,8 @@
 //! The example of `docs/reference/codec.md` is what it says.
 
-mod common;
-
 use std::fs;
 
-use common::{head, read};
+use crate::common::{head, read};
 use hprm_codec::{Array, Dynamic};
 use serde::{Deserialize, Serialize};
 

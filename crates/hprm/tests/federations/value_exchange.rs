@@ -1,14 +1,12 @@
 //! Federations of threads, which exchange values as they are.
 
-mod common;
-
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use hprm::ValueExchange;
 use hprm_core::{Body, ReactionId, Scheduler};
 
-use common::{BOTH, Bytes, Gather, React, federation_in, gather, rounds_of, well};
+use crate::common::{BOTH, Bytes, Gather, React, federation_in, gather, rounds_of, well};
 
 #[test]
 fn any_messages_within_a_process() {

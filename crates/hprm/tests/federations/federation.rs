@@ -1,14 +1,12 @@
 //! Federations with real sockets and real memory, but in one process and without Python.
 
-mod common;
-
 use std::sync::Arc;
 use std::thread;
 
 use hprm::{Address, Failure, RtiEvent, Security};
 use hprm_core::{Body, Coordination, FederateId, ReactionId, Scheduler};
 
-use common::{BOTH, Bytes, Gather, bind, federation, gather, run_rounds};
+use crate::common::{BOTH, Bytes, Gather, bind, federation, gather, run_rounds};
 
 #[test]
 fn small_messages_over_unix_sockets() {

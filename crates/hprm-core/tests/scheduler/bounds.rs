@@ -1,8 +1,6 @@
 //! Bounds of physical connections: with modes, and where a sender may be blocked.
 
-mod common;
-
-use common::{on, run};
+use crate::common::{on, run};
 use hprm_core::{
     Bound, Connection, Coordination, Delay, Direction, Effect, Nanos, Overflow, Program,
     ProgramBuilder, ProgramError, Properties, ReactionSpec, Transition, Trigger,

@@ -1,10 +1,8 @@
 //! The rules of the reactor model, each by a small program that runs without waiting.
 
-mod common;
-
 use std::sync::Arc;
 
-use common::{START, at, on, run};
+use crate::common::{START, at, on, run};
 use hprm_core::{
     Body, Delay, Direction, Effect, FederateId, Nanos, Origin, PortId, Program, ProgramBuilder,
     Properties, ReactionId, ReactionSpec, Scheduled, Scheduler, Scope, Tag, Trigger,

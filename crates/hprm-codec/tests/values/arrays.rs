@@ -1,11 +1,9 @@
 //! Arrays: in one piece, in place, in any order, and for other formats.
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use common::{parts, read, refused, sent};
+use crate::common::{parts, read, refused, sent};
 use hprm_codec::{Array, Dynamic, DynamicArray, Memory, Source, decode, encode};
 use serde::{Deserialize, Serialize};
 

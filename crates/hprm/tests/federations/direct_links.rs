@@ -1,7 +1,5 @@
 //! Direct links over TCP that end by accident while they are opened: they are opened again.
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -11,7 +9,7 @@ use std::thread;
 use hprm::{Address, Failure, FederateOptions, Reach, Rti, RtiOptions, Security};
 use hprm_core::{Coordination, FederateId};
 
-use common::{SECRET, federate_with, options, rounds_of, rti_options};
+use crate::common::{SECRET, federate_with, options, rounds_of, rti_options};
 
 const TCP: &str = "127.0.0.1:0";
 

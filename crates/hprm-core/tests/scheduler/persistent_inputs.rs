@@ -1,8 +1,6 @@
 //! Persistent inputs: what a port remembers while it is absent.
 
-mod common;
-
-use common::{at, on, run};
+use crate::common::{at, on, run};
 use hprm_core::{Delay, Direction, Effect, ProgramBuilder, Properties, ReactionSpec, Trigger};
 
 #[test]

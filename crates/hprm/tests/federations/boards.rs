@@ -1,13 +1,11 @@
 //! Boards of federations in this process, as other processes of this user find them.
 
-mod common;
-
 use std::sync::{Arc, Mutex};
 
 use hprm::board::{FORMAT, Identity, Role, Running, running};
 use hprm_core::{Body, Coordination, ReactionId, Scheduler};
 
-use common::{Bytes, Gather, React, federation, gather, well};
+use crate::common::{Bytes, Federation, Gather, React, federation, gather, well};
 
 /// The boards of a federation that is named like this.
 fn boards(name: &str) -> Vec<Running> {
@@ -17,7 +15,7 @@ fn boards(name: &str) -> Vec<Running> {
 }
 
 /// A program of two federates and the RTI, and what its first reaction finds.
-fn seen_from_within(coordination: Coordination, name: &str) -> (common::Federation, Vec<Running>) {
+fn seen_from_within(coordination: Coordination, name: &str) -> (Federation, Vec<Running>) {
     let Gather { mut program, start, .. } = gather(coordination, 1);
     program.name = name.to_owned();
     let (found, name) = (Arc::new(Mutex::new(Vec::new())), name.to_owned());

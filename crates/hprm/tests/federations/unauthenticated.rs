@@ -1,8 +1,6 @@
 //! Unauthenticated clients of a federation, over real sockets: they are refused, and no federate is
 //! affected.
 
-mod common;
-
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,7 +11,7 @@ use hprm::FederationId;
 use hprm::{Address, Failure, FederateOptions, Reach, RtiEvent, Security};
 use hprm_core::{Coordination, FederateId, Program};
 
-use common::{
+use crate::common::{
     BOTH, React, bind, federate_with, federation_beside, gather, options, rounds_of, well,
 };
 

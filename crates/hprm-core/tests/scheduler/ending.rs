@@ -1,10 +1,8 @@
 //! Where a program ends: after a request to stop, and when nothing is left to happen.
 
-mod common;
-
 use std::sync::Arc;
 
-use common::{START, at, on, run};
+use crate::common::{START, at, on, run};
 use hprm_core::{
     ActionId, Connection, Delay, Direction, Effect, FederateId, ModalElement, Nanos, Origin,
     Policy, PortId, Program, ProgramBuilder, Properties, ReactionSpec, ReactorId, Scheduled,

@@ -1,7 +1,5 @@
 //! What several tests share: values through the codec and back.
 
-#![allow(dead_code, reason = "each test takes what it needs")]
-
 use std::sync::Arc;
 
 use hprm_codec::{DecodeError, Draft, Memory, decode, encode};

@@ -1,8 +1,6 @@
 //! A federate that leaves while the rest of its program goes on, all in one scheduler.
 
-mod common;
-
-use common::{START, at, on, run};
+use crate::common::{START, at, on, run};
 use hprm_core::{
     Delay, Direction, Effect, Nanos, PortId, Program, ProgramBuilder, Properties, ReactionSpec,
     Scheduled, Scheduler, Scope, Tag, Trigger,

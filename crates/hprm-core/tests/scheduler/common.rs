@@ -1,8 +1,5 @@
 //! Running a small program to its end, without waiting, with one function as the body of everything.
 
-// Each test uses some of it.
-#![allow(dead_code)]
-
 use std::sync::Arc;
 
 use hprm_core::{
