@@ -193,10 +193,11 @@ def _only(module: ModuleType, file: str) -> Any:
             hint="a program is a class that extends hprm.Reactor or hprm.Federation",
             code=_findings.NO_MAIN,
         )
-    names = ", ".join(whole or programs)
+    names = list(whole or programs)
     raise ProgramError(
-        f"{file} defines several reactors: {names}",
-        hint=f"name the program: {file}:{list(whole or programs)[-1]}",
+        f"{file} defines several reactors: {', '.join(names)}",
+        # The last ones are made of those before.
+        hint=f"name the program: {' or '.join(f'{file}:{name}' for name in names[-3:])}",
         code=_findings.SEVERAL_MAINS,
     )
 

@@ -597,8 +597,9 @@ class Main(hprm.Reactor):
 def test_several_programs_in_one_file(tmp_path: Path) -> None:
     path = tmp_path / "several.py"
     path.write_text("import hprm\nclass A(hprm.Reactor): pass\nclass B(hprm.Reactor): pass\n")
-    with pytest.raises(hprm.ProgramError, match="defines several reactors: A, B"):
+    with pytest.raises(hprm.ProgramError, match="defines several reactors: A, B") as found:
         load(str(path), [])
+    assert f"hint: name the program: {path}:A or {path}:B" in str(found.value)
     assert type(load(f"{path}:B", []).main).__name__ == "B"
     with pytest.raises(hprm.ProgramError, match="has no C"):
         load(f"{path}:C", [])

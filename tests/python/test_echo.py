@@ -352,7 +352,8 @@ def test_a_watched_federation_does_the_same(bench: Bench, coordination: str, thr
 def test_what_is_wrong_is_one_error(bench: Bench) -> None:
     run = start(bench, LARGE)
     for port, said, hint in [
-        ("camera", "camera is no port of a federate", "as in camera.image"),
+        ("camera", "camera is a federate, and not one of its ports", "`camera.image`"),
+        ("image", "image is no port of a federate", "as in camera.image"),
         ("camrea.image", "Main has no federate camrea", "did you mean `camera`?"),
         ("camera.imgae", "camera has no port imgae", "did you mean `image`?"),
         ("camera[1].image", "Main has no federate camera[1]", "camera"),

@@ -140,6 +140,8 @@ def test_a_word_that_names_nothing_is_one_error(bench: Bench, word: str) -> None
         outcome = finish(bench.call("run", *options, "Main.lf", environment=environment))
         assert outcome.code == 1, outcome.err
         outcome.assert_one_error(f"`{word}` is no federate of Main and no kind of frames")
+        where = "--log-frames" if options else "the environment variable HPRM_LOG_FRAMES"
+        assert outcome.err.startswith(f"error: {where}={filters} is wrong: "), outcome.err
     assert not (bench.folder / "frames.log").exists()
 
 

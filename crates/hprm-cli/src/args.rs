@@ -32,7 +32,7 @@ pub(crate) use crate::args::comparing::{Diff, Verify};
 pub(crate) use crate::args::compose::Compose;
 pub(crate) use crate::args::diagram::Diagram;
 pub(crate) use crate::args::frames::LogFrames;
-pub(crate) use crate::args::machines::{Agent, At, Machines, Starter};
+pub(crate) use crate::args::machines::{Agent, At, Machines, Starter, federate};
 pub(crate) use crate::args::new::{Language, New};
 pub(crate) use crate::args::ros::{Launch, Ros, RosCommand, Running};
 pub(crate) use crate::args::top::Top;
@@ -311,7 +311,7 @@ pub(crate) struct Run {
     pub(crate) join_timeout: Duration,
     /// Give one federate the terminal, so that breakpoint() in it starts the debugger. What it prints
     /// has no name in front.
-    #[arg(long, value_name = "FEDERATE", conflicts_with = "in_process")]
+    #[arg(long, value_name = "FEDERATE", conflicts_with = "in_process", value_parser = federate)]
     pub(crate) debug: Option<String>,
     #[command(flatten)]
     pub(crate) at: At,
@@ -516,8 +516,8 @@ pub(crate) struct FederateArguments {
     /// The program: FILE.lf, FILE.py, or FILE.py:NAME for one of several main reactors.
     #[arg(value_name = "FILE")]
     pub(crate) file: PathBuf,
-    /// The name of the federate. A member of a bank has its index: camera__2.
-    #[arg(value_name = "NAME")]
+    /// The name of the federate. A member of a bank has its index: camera__2, or 'camera[2]'.
+    #[arg(value_name = "NAME", value_parser = federate)]
     pub(crate) name: String,
     /// Where the RTI listens. Without it, the federation of this program is joined that `hprm run` runs
     /// on this machine, with its target properties; or, if there is none, that of the host at which the

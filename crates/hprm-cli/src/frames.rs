@@ -46,7 +46,8 @@ pub(crate) fn begin(frames: &LogFrames, program: Option<&Program>) -> Result<(),
     if !frames.are_asked_for() {
         return Ok(());
     }
-    Ok(hprm::begin_frame_log(program)?)
+    let option = frames.log_frames.is_some().then_some("--log-frames");
+    Ok(hprm::begin_frame_log(program, option)?)
 }
 
 /// The variables for which the options stand.

@@ -55,7 +55,7 @@ pub use mode::{ModalElement, Mode, Transition};
 pub use object::{NoMemory, ObjectRef, Part, Payload, copy_of, zeroed};
 pub use program::{
     Action, Channel, Connection, Coordination, Direction, Effect, Federate, Origin, Port, Program,
-    Properties, Reaction, Reactor, Spin, Timer, Trigger,
+    Properties, Reaction, Reactor, Spin, Timer, Trigger, federate_name, means_federate,
 };
 pub use restart::{Restart, RestartCondition};
 pub use scheduler::{

@@ -5,6 +5,7 @@
 //! federate: a federate runs the part of the program that is in its own reactor. It has no bodies, no
 //! source text and nothing of Python.
 
+use alloc::borrow::Cow;
 use alloc::boxed::Box;
 use alloc::format;
 use alloc::string::String;
@@ -15,6 +16,23 @@ use crate::{
     ActionId, Bound, ClockSyncOptions, ConnectionId, Delay, FederateId, Mode, ModeId, Nanos,
     PortId, ReactionId, ReactorId, Restart, Spacing, Table, TimerId, Transition,
 };
+
+/// The name of a federate, however users write it: `camera[1]`, a member of a bank, is `camera__1`.
+#[must_use]
+pub fn federate_name(text: &str) -> Cow<'_, str> {
+    match text.strip_suffix(']').and_then(|text| text.split_once('[')) {
+        Some((bank, index)) => format!("{bank}__{index}").into(),
+        None => text.into(),
+    }
+}
+
+/// Whether users mean a federate of that `name` by a text, which may be the name of its bank.
+#[must_use]
+pub fn means_federate(text: &str, name: &str) -> bool {
+    let text = federate_name(text);
+    let index = name.strip_prefix(&*text).and_then(|rest| rest.strip_prefix("__"));
+    name == text || index.is_some_and(|index| index.parse::<usize>().is_ok())
+}
 
 /// How federates agree on when a tag is safe to process.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default, Serialize, Deserialize)]
@@ -359,5 +377,20 @@ impl Program {
             Some(label) => format!("{}.{label}", self.reactors[*reactor].name),
             None => self.reaction_name(reaction),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_member_of_a_bank_is_meant_by_its_index_and_by_its_bank() {
+        let texts = ["sink", "sink[1]", "sink__1", "sink[0]", "sin", "sink__", "sink[]", "sink[1"];
+        let meant = texts.map(|text| means_federate(text, "sink__1"));
+        assert_eq!(meant, [true, true, true, false, false, false, false, false]);
+        assert!(means_federate("camera", "camera"));
+        assert!(!means_federate("sink", "sink__x"));
+        assert_eq!(["camera", "sink[1]"].map(federate_name), ["camera", "sink__1"]);
     }
 }

@@ -9,11 +9,7 @@ use crate::graph::{
     Reactor, Rect, SMALL, Side, TITLE,
 };
 use crate::scope::{Place, Scopes, Symbol};
-use crate::text::cut;
 use crate::time::time;
-
-/// The most characters of a name, and of a line of text.
-const LONGEST: usize = 48;
 
 /// The diagram of a program in which the contents of those reactors are drawn that `open` says, by their indices.
 #[must_use]
@@ -87,9 +83,9 @@ impl Build<'_> {
             transient: federate.is_some_and(|it| it.transient),
         };
         let mut node = Node::new(Kind::Reactor(kind), parent);
-        node.title.push((cut(&reactor.name, LONGEST), TITLE));
+        node.title.push((reactor.name.clone(), TITLE));
         if !alike(&reactor.name, &reactor.class) {
-            node.title.push((format!(": {}", cut(&reactor.class, LONGEST)), CLASS));
+            node.title.push((format!(": {}", reactor.class), CLASS));
         }
         if index == 0 {
             let coordination = outline.coordination.map(|it| match it {
@@ -117,7 +113,7 @@ impl Build<'_> {
             let name = format!("{}{width}{}", port.name, label.unwrap_or_default());
             let side = port.drawing.side.as_deref().and_then(Side::named);
             node.ports.push(Port {
-                name: cut(&name, LONGEST),
+                name,
                 side: side.unwrap_or(Side::of(port.direction)),
                 shape: if port.width.is_some() { PortShape::Multi } else { PortShape::Single },
                 red: self.cycle.has_port(End { reactor: index, port: number }),
@@ -136,7 +132,7 @@ impl Build<'_> {
         let around = self.add(Node::new(Kind::Modes, Some(scopes.reactor)));
         for mode in modes {
             let mut node = Node::new(Kind::Mode { initial: mode.initial }, Some(around));
-            node.title.push((cut(&mode.name, LONGEST), TITLE));
+            node.title.push((mode.name.clone(), TITLE));
             let node = self.add(node);
             scopes.modes.push(node);
         }
@@ -209,7 +205,7 @@ impl Build<'_> {
         let several = (reactor.reactions.len() > 1).then(|| (number + 1).to_string());
         let words: Vec<&str> =
             several.as_deref().into_iter().chain(reaction.name.as_deref()).collect();
-        node.title.push((cut(&words.join(" "), LONGEST), REACTION));
+        node.title.push((words.join(" "), REACTION));
         node.captions.extend(note(&reaction.drawing));
         node.red = red;
         node.layout.clone_from(&reaction.drawing.layout);
@@ -276,7 +272,7 @@ impl Build<'_> {
             self.join((reaction, to), (kind, &[name], false), scopes);
             return;
         };
-        let label = cut(&self.triggers_of(index, number), LONGEST);
+        let label = self.triggers_of(index, number);
         let (from, to) = (scopes.modes[own], scopes.modes[mode]);
         let drawn = self.graph.edges.iter_mut().find(|edge| {
             edge.from.0 == from && edge.to.0 == to && edge.kind == kind && edge.container == around
@@ -388,7 +384,7 @@ impl Build<'_> {
         let kind = EdgeKind::Connection { physical: connection.physical, wide };
         let delay = connection.delay.map(|delay| format!("after {}", time(delay)));
         let wait = connection.absent_after.map(|wait| format!("absent_after: {}", time(wait)));
-        let label = connection.drawing.label.as_ref().map(|label| cut(label, LONGEST));
+        let label = connection.drawing.label.clone();
         let lines: Vec<String> = delay.into_iter().chain(wait).chain(label).collect();
         let red = self.cycle.has_connection(connection);
         self.join((from, to), (kind, &lines, red), scopes);
@@ -441,7 +437,7 @@ impl Build<'_> {
 }
 
 fn caption(text: &str, kind: CaptionKind) -> Caption {
-    Caption { text: cut(text, LONGEST), kind }
+    Caption { text: text.to_owned(), kind }
 }
 
 fn note(drawing: &Drawing) -> Option<Caption> {

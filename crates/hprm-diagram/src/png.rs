@@ -6,7 +6,7 @@ use ttf_parser::OutlineBuilder;
 use crate::graph::{Graph, Point};
 use crate::scene::scene;
 use crate::shape::{Color, Shape, Stroke};
-use crate::text::{Style, face};
+use crate::text::{Style, drawn, face};
 
 /// The most pixels of a picture.
 const MOST: f64 = 100_000_000.0;
@@ -110,7 +110,7 @@ fn glyphs(at: Point, text: &str, style: Style) -> Option<tiny_skia::Path> {
     let scale = style.size / f64::from(face.units_per_em());
     let mut pen =
         Pen { builder: PathBuilder::new(), x: at.x - style.width(text) / 2.0, y: at.y, scale };
-    for c in text.chars() {
+    for c in drawn(text).chars() {
         let glyph = face.glyph_index(c);
         // What the font lacks is its sign for that.
         face.outline_glyph(glyph.unwrap_or(ttf_parser::GlyphId(0)), &mut pen);

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use crate::graph::Graph;
 use crate::scene::scene;
 use crate::shape::{Color, Shape, Stroke, disc, number};
-use crate::text::FAMILY;
+use crate::text::{FAMILY, drawn};
 
 /// The diagram as a file; `images` gives the pictures that the program names, as what an attribute `href` may be.
 #[must_use]
@@ -63,17 +63,21 @@ fn write(shape: &Shape, images: &dyn Fn(&str) -> Option<String>, out: &mut Strin
         }
         Shape::Text { at, text, style, color } => {
             let weight = if style.bold { " font-weight=\"bold\"" } else { "" };
+            let begin = drawn(text);
+            // A viewer shows all of it where the pointer rests.
+            let whole = (begin != *text).then(|| format!("<title>{}</title>", escaped(text)));
             // Whichever font the viewer has, the text is as wide as it was measured.
             writeln!(
                 out,
                 "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\" font-size=\"{}\"{weight} fill=\"{}\" \
-                 textLength=\"{}\" lengthAdjust=\"spacingAndGlyphs\" xml:space=\"preserve\">{}</text>",
+                 textLength=\"{}\" lengthAdjust=\"spacingAndGlyphs\" xml:space=\"preserve\">{}{}</text>",
                 number(at.x),
                 number(at.y),
                 number(style.size),
                 hex(*color),
                 number(style.width(text)),
-                escaped(text),
+                escaped(&begin),
+                whole.unwrap_or_default(),
             )
         }
         Shape::Image { at, name } => match images(name) {

@@ -1,8 +1,14 @@
-//! How wide text is: measured in the font that pictures name first, and that PNG files are drawn with.
+//! How much of a text is drawn, and how wide that is: measured in the font that pictures name first, and that PNG files
+//! are drawn with.
 //!
 //! SVG states the measured width of each text, so a viewer without the font fits another one into the same space.
 
+use std::borrow::Cow;
+
 use ttf_parser::Face;
+
+/// The most characters of a text that are drawn.
+const LONGEST: usize = 48;
 
 /// What SVG asks for: the font that is measured here, those with the same widths, and any other.
 pub(crate) const FAMILY: &str = "Arimo, 'Liberation Sans', Arial, Helvetica, sans-serif";
@@ -26,7 +32,7 @@ impl Style {
         (self.size * 1.3).ceil()
     }
 
-    /// How wide `text` is, in pixels.
+    /// How wide `text` is, as far as it is drawn, in pixels.
     #[must_use]
     pub fn width(self, text: &str) -> f64 {
         let face = face(self.bold);
@@ -36,7 +42,7 @@ impl Style {
             let glyph = face.glyph_index(c).and_then(|glyph| face.glyph_hor_advance(glyph));
             glyph.map_or(em, f64::from)
         };
-        text.chars().map(advance).sum::<f64>() * self.size / em
+        drawn(text).chars().map(advance).sum::<f64>() * self.size / em
     }
 }
 
@@ -45,12 +51,12 @@ pub(crate) fn face(bold: bool) -> Face<'static> {
     Face::parse(if bold { BOLD } else { REGULAR }, 0).expect("the font is part of the crate")
 }
 
-/// `text`, cut so that it has at most `longest` characters.
-pub(crate) fn cut(text: &str, longest: usize) -> String {
-    if text.chars().count() <= longest {
-        return text.to_owned();
+/// What is drawn of a text: its beginning, if it is long.
+pub(crate) fn drawn(text: &str) -> Cow<'_, str> {
+    match text.chars().count() <= LONGEST {
+        true => text.into(),
+        false => text.chars().take(LONGEST - 1).chain(['…']).collect(),
     }
-    text.chars().take(longest - 1).chain(['…']).collect()
 }
 
 #[cfg(test)]

@@ -51,6 +51,18 @@ fn attributes_are_obeyed() {
 }
 
 #[test]
+fn a_long_text_is_cut_and_a_viewer_shows_all_of_it() {
+    let all = "what the camera saw < the last time it was asked for a picture";
+    let graph =
+        drawn(&format!("main reactor {{ @label(\"{all}\") timer t  reaction(t) {{= pass =}} }}"));
+    let text = svg(&graph, &|_| None);
+    let begin = "what the camera saw &lt; the last time it was aske…";
+    let whole = format!("{begin}<title>{}</title></text>", all.replace('<', "&lt;"));
+    assert!(text.contains(&whole), "{text}");
+    assert_eq!(text.matches("</title></text>").count(), 1);
+}
+
+#[test]
 fn an_option_that_the_layout_does_not_know_is_left_out() {
     let program = |value: &str| {
         format!(

@@ -5,8 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 use std::sync::{Mutex, PoisonError};
 
+use hprm::console::unwritable;
 use hprm::supervisor::{Observation, Signal};
-use hprm::{Failure, Kind, Label, Report};
+use hprm::{Failure, Label, Report};
 use pyo3::prelude::*;
 use rustix::io::Errno;
 
@@ -99,10 +100,8 @@ pub(crate) fn report_output_to(events: Option<Sender<Observation>>) {
 #[pyfunction]
 pub(crate) fn output_failed(number: i32) -> i32 {
     let is_closed = number == Errno::PIPE.raw_os_error();
-    let reason = std::io::Error::from_raw_os_error(number).to_string();
-    let reason = reason.split(" (os error").next().unwrap_or_default();
-    let message = format!("cannot write to the standard output: {reason}");
-    let report = Report::new(Kind::Command, message);
+    let error = std::io::Error::from_raw_os_error(number);
+    let report = unwritable(&error).report();
     let supervisor = SUPERVISOR.lock().unwrap_or_else(PoisonError::into_inner);
     let observed = match is_closed {
         true => Observation::Signal(Signal::BROKEN_PIPE),

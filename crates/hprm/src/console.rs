@@ -36,11 +36,38 @@ pub fn unwritable(error: &io::Error) -> Failure {
 
 /// The reason alone: `No such file or directory`, without the number of the error.
 pub fn reason(error: &io::Error) -> String {
-    let text = error.to_string();
-    text.split(" (os error").next().unwrap_or(&text).to_owned()
+    without_numbers(&error.to_string())
+}
+
+/// A text without the numbers of errors of the operating system, such as ` (os error 2)`.
+pub(crate) fn without_numbers(text: &str) -> String {
+    let (mut kept, mut rest) = (String::new(), text);
+    while let Some((before, numbered)) = rest.split_once(" (os error ")
+        && let Some((_number, after)) = numbered.split_once(')')
+    {
+        kept.push_str(before);
+        rest = after;
+    }
+    kept + rest
 }
 
 /// Writes to the standard error; a failure of that cannot be reported.
 pub fn print_error(bytes: &[u8]) {
     let _ = io::stderr().lock().write_all(bytes);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_errors_are_not_without_numbers() {
+        let reason = io::Error::from_raw_os_error(2).to_string();
+        assert_eq!(
+            without_numbers(&format!("cannot read {reason}: why?")),
+            "cannot read No such file or directory: why?"
+        );
+        assert_eq!(without_numbers("a (os error 1), b (os error 22)"), "a, b");
+        assert_eq!(without_numbers("a (os error 1"), "a (os error 1");
+    }
 }

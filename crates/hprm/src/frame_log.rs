@@ -63,7 +63,7 @@ impl FrameLog {
         me: Party,
         in_process: bool,
     ) -> Result<Self, Failure> {
-        let Some(filter) = asked(program)? else { return Ok(Self::default()) };
+        let Some(filter) = asked(program, None)? else { return Ok(Self::default()) };
         let path = variables::value_of(FRAMES_TO);
         let file = path.as_deref().map(|path| open(Path::new(path))).transpose()?;
         let program = Arc::clone(program);
@@ -120,22 +120,26 @@ impl FrameLog {
 ///
 /// # Errors
 ///
-/// If a word of the variable names no federate of the program, if that is known, and no kind of frames; or if the file
-/// cannot be written.
-pub fn begin_frame_log(program: Option<&Program>) -> Result<(), Failure> {
-    program.map_or(Ok(None), asked)?;
+/// If a word of the filter names no federate of the program, if that is known, and no kind of frames; or if the file
+/// cannot be written. The message says that the filter is that of an `option`, if the variable comes from one.
+pub fn begin_frame_log(program: Option<&Program>, option: Option<&str>) -> Result<(), Failure> {
+    program.map_or(Ok(None), |program| asked(program, option))?;
     let Some(path) = variables::value_of(FRAMES_TO) else { return Ok(()) };
     let path = Path::new(&path);
     File::create(path).map(drop).map_err(|error| unopened(path, &error))
 }
 
 /// The frames that the environment asks for, if it does.
-fn asked(program: &Program) -> Result<Option<Filter>, Failure> {
+fn asked(program: &Program, option: Option<&str>) -> Result<Option<Filter>, Failure> {
     let Some(text) = variables::value_of(FRAMES) else { return Ok(None) };
     let filter = Filter::of(&text.to_string_lossy(), program).map_err(|word| {
         let why = format!("`{word}` is no federate of {} and no kind of frames", program.name);
         let hint = "name federates, rti, and kinds such as Message or TagAdvanceGrant, with commas between them; or all";
-        Failure::Option { message: variables::wrong(FRAMES, &text, &why), hint: Some(hint) }
+        let message = match option {
+            Some(option) => format!("{option}={} is wrong: {why}", text.to_string_lossy()),
+            None => variables::wrong(FRAMES, &text, &why),
+        };
+        Failure::Option { message, hint: Some(hint) }
     })?;
     Ok(Some(filter))
 }

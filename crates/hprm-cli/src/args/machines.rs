@@ -1,10 +1,12 @@
 //! What can be typed after `hprm machines` and `hprm agent`.
 
+use std::convert::Infallible;
 use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::Args;
 use hprm::agent::is_name;
+use hprm_core::federate_name;
 
 /// List the machines whose agents see one another.
 ///
@@ -39,6 +41,11 @@ pub(crate) struct At {
     /// says (at).
     #[arg(long, value_name = "FILE", env = "HPRM_FLEET_KEY", hide_env_values = true)]
     pub(crate) fleet_key: Option<PathBuf>,
+}
+
+/// The name of a federate, which may be written as Lingua Franca writes a member of a bank.
+pub(crate) fn federate(text: &str) -> Result<String, Infallible> {
+    Ok(federate_name(text).into_owned())
 }
 
 fn at(text: &str) -> Result<(String, String), String> {

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use clap::Args;
 
-use crate::args::seconds;
+use crate::args::{federate, seconds};
 
 /// Show a running federation: where each federate is, and what it waits for.
 ///
@@ -33,9 +33,30 @@ pub(crate) struct Top {
     #[arg(long)]
     pub(crate) json: bool,
     /// Print only what concerns this federate; on the screen, choose it at first.
-    #[arg(long, value_name = "FEDERATE")]
+    #[arg(long, value_name = "FEDERATE", value_parser = federate)]
     pub(crate) federate: Option<String>,
     /// Over how many seconds rates are measured, and how often the screen changes.
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, default_value = "1", value_parser = seconds)]
     pub(crate) interval: Duration,
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        top: Top,
+    }
+
+    #[test]
+    fn a_member_of_a_bank_is_named_in_two_ways() {
+        for text in ["camera[1]", "camera__1"] {
+            let line = Line::try_parse_from(["hprm", "--federate", text]).unwrap();
+            assert_eq!(line.top.federate.as_deref(), Some("camera__1"));
+        }
+    }
 }

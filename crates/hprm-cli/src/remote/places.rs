@@ -6,7 +6,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use hprm::agent::{self, Machine, Place};
-use hprm_core::{FederateId, Program};
+use hprm_core::{FederateId, Program, means_federate};
 
 use super::clocks;
 use super::stand_in::probe;
@@ -138,12 +138,7 @@ fn stated(
 ) -> Result<BTreeMap<FederateId, String>, Error> {
     let mut machines = BTreeMap::new();
     for (name, machine) in at {
-        let of_bank = |federate: &str| {
-            let index = federate.strip_prefix(name.as_str()).and_then(|it| it.strip_prefix("__"));
-            index.is_some_and(|index| index.parse::<usize>().is_ok())
-        };
-        let federates = program.federates.iter();
-        let meant = federates.filter(|(_, it)| it.name == *name || of_bank(&it.name));
+        let meant = program.federates.iter().filter(|(_, it)| means_federate(name, &it.name));
         let meant: Vec<_> = meant.map(|(id, _)| id).collect();
         if meant.is_empty() {
             let names: Vec<_> = program.federates.values().map(|it| it.name.as_str()).collect();
@@ -208,7 +203,7 @@ mod tests {
     #[test]
     fn a_bank_has_all_of_its_members_on_a_machine_unless_one_is_named() {
         let count = |name| stated(&program(), &at(name)).unwrap().len();
-        assert_eq!((count("camera"), count("sink"), count("sink__1")), (1, 2, 1));
+        assert_eq!((count("camera"), count("sink"), count("sink[1]")), (1, 2, 1));
         for name in ["sin", "sink__", "sink__2", "camera__0"] {
             let error = stated(&program(), &at(name)).unwrap_err();
             assert!(format!("{error:?}").contains("the federates are camera, sink__0"), "{name}");

@@ -7,6 +7,7 @@ use hprm_federated::Frame;
 use serde::{Deserialize, Serialize};
 
 use super::exit_code;
+use crate::console::without_numbers;
 
 /// The longest text that travels to others, in bytes: less than the protocol cuts off.
 const LONGEST_SENT: usize = 60_000;
@@ -108,12 +109,15 @@ pub struct Report {
 }
 
 impl Report {
-    /// A report with exit code 1.
+    /// A report with exit code 1. What the operating system says has no number in it, unless a program says so.
     #[must_use]
     pub fn new(kind: Kind, message: impl Into<String>) -> Self {
+        let is_theirs = matches!(kind, Kind::Reaction | Kind::Thread | Kind::Code | Kind::Quit);
+        let message = message.into();
+        let message = if is_theirs { message } else { without_numbers(&message) };
         Self {
             kind,
-            message: message.into(),
+            message,
             code: 1,
             diagnostic: None,
             federate: None,

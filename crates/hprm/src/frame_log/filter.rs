@@ -1,6 +1,6 @@
 //! Which frames a log has: the words of the variable, and what they select.
 
-use hprm_core::{FederateId, Program};
+use hprm_core::{Program, means_federate};
 use hprm_federated::Frame;
 
 use super::Party;
@@ -47,17 +47,13 @@ fn parties(word: &str, program: &Program) -> Vec<Party> {
     if word == RTI {
         return vec![Party::Rti];
     }
-    let is_it = |id: FederateId| {
-        let name = program.federates[id].name.as_str();
-        name == word || name.rsplit_once("__").is_some_and(|(bank, _)| bank == word)
-    };
-    let ids = program.federates.iter().map(|(id, _)| id);
-    ids.filter(|id| is_it(*id)).map(Party::Federate).collect()
+    let meant = program.federates.iter().filter(|(_, it)| means_federate(word, &it.name));
+    meant.map(|(id, _)| Party::Federate(id)).collect()
 }
 
 #[cfg(test)]
 mod tests {
-    use hprm_core::Tag;
+    use hprm_core::{FederateId, Tag};
 
     use super::*;
     use crate::frame_log::line::tests::two_federates;

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use hprm_core::{ChannelId, Direction, FederateId, PortId, Program};
+use hprm_core::{ChannelId, Direction, FederateId, PortId, Program, means_federate};
 use hprm_model::existing;
 
 use super::Wish;
@@ -110,12 +110,10 @@ fn shares(
 impl Named {
     fn of(program: &Program, text: &str) -> Result<Self, Box<Report>> {
         let federates: Vec<_> = program.federates.iter().map(|(id, _)| id).collect();
-        let (federate, port) = text.split_once('.').ok_or_else(|| {
-            wrong(format!("{text} is no port of a federate"))
-                .hint("name a federate and its port, as in camera.image")
-        })?;
-        let meant: Vec<_> =
-            federates.iter().copied().filter(|id| is_called(program, *id, federate)).collect();
+        let Some((federate, port)) = text.split_once('.') else {
+            return Err(Box::new(without_port(program, text)));
+        };
+        let meant = meant_by(program, federate);
         if meant.is_empty() {
             let said = format!("{} has no federate {federate}", program.name);
             let names = federates.iter().map(|id| shown(program, *id));
@@ -150,6 +148,21 @@ fn wrong(said: impl Into<String>) -> Report {
     Report::new(Kind::Option, said)
 }
 
+/// That a text names no port, and which ports it may mean if it names a federate.
+fn without_port(program: &Program, text: &str) -> Report {
+    let ports = ports_of(program, &meant_by(program, text));
+    if ports.is_empty() {
+        return wrong(format!("{text} is no port of a federate"))
+            .hint("name a federate and its port, as in camera.image");
+    }
+    let names = ports.iter().map(|id| format!("{text}.{}", program.ports[*id].name));
+    wrong(format!("{text} is a federate, and not one of its ports")).hint(list(
+        "its ports",
+        "",
+        names.collect(),
+    ))
+}
+
 fn unconnected(port: &str, is_output: bool) -> Report {
     let error = wrong(format!("there is no connection to another federate at {port}"));
     error.hint(match is_output {
@@ -175,14 +188,15 @@ fn shown(program: &Program, federate: FederateId) -> String {
     short(&program.reactors[program.federates[federate].reactor].name).to_owned()
 }
 
-/// Whether a federate is called that: `camera[1]`, `camera__1`, or `camera` as the others of its bank.
-fn is_called(program: &Program, federate: FederateId, name: &str) -> bool {
-    is(name, &shown(program, federate)) || program.federates[federate].name == name
-}
-
 /// Whether a name means one that may have an index: `image` means `image[0]` too.
 fn is(name: &str, full: &str) -> bool {
     name == full || full.strip_prefix(name).is_some_and(|index| index.starts_with('['))
+}
+
+/// The federates that a name means.
+fn meant_by(program: &Program, name: &str) -> Vec<FederateId> {
+    let meant = program.federates.iter().filter(|(_, it)| means_federate(name, &it.name));
+    meant.map(|(id, _)| id).collect()
 }
 
 /// The ports of some federates, not of reactors in them.
@@ -273,7 +287,8 @@ mod tests {
         let mut b = ProgramBuilder::new("Main", Properties::default());
         let reactors = ["camera", "planner[0]", "planner[1]"].map(|name| {
             let reactor = b.reactor(b.main(), name);
-            b.federate(reactor, name, Nanos::MAX, None);
+            let name = name.replace('[', "__").replace(']', "");
+            b.federate(reactor, &name, Nanos::MAX, None);
             reactor
         });
         let out = b.port(reactors[0], "image", Direction::Output);
@@ -295,9 +310,10 @@ mod tests {
     fn what_is_wrong_is_told_with_what_there_is() {
         let program = program();
         for (text, said) in [
-            ("camera", "camera is no port of a federate"),
+            ("image", "image is no port of a federate"),
             ("camrea.image", "Main has no federate camrea"),
             ("camera[2].image", "Main has no federate camera[2]"),
+            ("camera[1]", "camera[1] is a federate, and not one of its ports"),
             ("camera.imgae", "camera has no port imgae"),
             ("camera.imag", "camera has no port imag"),
             ("planner.log", "there is no connection to another federate at planner.log"),
