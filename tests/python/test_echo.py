@@ -110,7 +110,7 @@ import numpy as np
 reactor Camera {
   output image
   state n = 0
-  timer t(0, 10 ms)
+  timer t(0, 20 ms)
   reaction(t) -> image {=
     self.n += 1
     image.set(np.full(10_000, self.n, dtype=np.int64))
@@ -515,3 +515,22 @@ def test_federates_that_are_started_by_hand_are_watched_over_tcp_too(bench: Benc
     assert (image["shape"], image["max"]) == ([1_000_000], 255)
     federation.members["rti"].send_signal(signal.SIGINT)
     federation.finish()
+
+
+def test_a_federate_that_does_not_answer_is_missing_with_a_warning(bench: Bench) -> None:
+    text = COUNTING.replace("timeout: 6 s", "keepalive: true")
+    run = start(bench, text.replace("int(image.value.sum())", '__import__("os").getpid()'))
+    still = hear_number(run.stdout)
+    os.kill(still, signal.SIGSTOP)
+    outcome = finish(bench.call("rate", "--once", "--of", str(run.pid)))
+    os.kill(still, signal.SIGCONT)
+    assert outcome.code == 0 and "camera.image" in outcome.out
+    assert "warning: federate detector cannot be watched" in outcome.err
+    stop(run)
+
+
+@pytest.mark.parametrize("command", ["echo", "rate"])
+def test_an_error_is_an_object_if_objects_are_wanted(bench: Bench, command: str) -> None:
+    outcome = finish(bench.call(command, "camera.image", "--json", "--of", "Nowhere"))
+    assert (outcome.code, outcome.err) == (1, "")
+    assert "Nowhere" in json.loads(outcome.out)["error"]["message"]

@@ -15,9 +15,9 @@ from conftest import Run
 from processes import COORDINATIONS, Bench, finish, until
 from snippets import TELL
 
-MESSAGES = 10_000
+MESSAGES = 6_000
 SIZE = 12_000
-"""In one piece just small enough to travel in a message; all of them are 120 MB."""
+"""In one piece just small enough to travel in a message; all of them are 72 MB."""
 
 LIMIT = 8 << 20
 """What may be under way when a tag begins, as in docs/concepts/federations.md."""

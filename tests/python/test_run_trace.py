@@ -275,6 +275,19 @@ def test_a_trace_that_cannot_be_written_is_said_before_anything_runs(bench: Benc
     outcome.assert_one_error("cannot write the trace pipe: nothing reads this pipe")
 
 
+@pytest.mark.parametrize("option", ["--trace", "--logical-trace", "--log-frames-to"])
+def test_no_option_replaces_the_program(bench: Bench, option: str) -> None:
+    text = FEDERATION.format(coordination="centralized")
+    outcome = bench.run(text, option, "./Main.lf")
+    assert (outcome.code, outcome.out) == (1, "")
+    outcome.assert_one_error(f"{option} would replace the program ./Main.lf")
+    assert (bench.folder / "Main.lf").read_text() == text
+    other = "--trace" if option == "--log-frames-to" else "--log-frames-to"
+    outcome = bench.run(text, option, "one", other, "one")
+    outcome.assert_one_error("name one file: one")
+    assert not (bench.folder / "one").exists()
+
+
 def test_a_trace_goes_through_a_pipe(bench: Bench) -> None:
     pipe = bench.folder / "pipe"
     os.mkfifo(pipe)

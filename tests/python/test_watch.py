@@ -234,7 +234,7 @@ def test_what_is_wrong_is_one_error(bench: Bench) -> None:
     assert raised.value.hint is not None
     run = start(bench, LARGE)
     for port, said in [
-        ("camera", "camera is no port of a federate"),
+        ("camera", "camera is a federate, and not one of its ports"),
         ("camrea.image", "Main has no federate camrea"),
         ("camera.imgae", "camera has no port imgae"),
     ]:

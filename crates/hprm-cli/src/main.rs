@@ -32,6 +32,7 @@ mod limits;
 mod machines;
 mod message;
 mod new;
+mod outputs;
 mod parameters;
 mod probe;
 mod python;

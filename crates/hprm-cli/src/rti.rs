@@ -16,7 +16,7 @@ use hprm_core::{FederateId, Program};
 use crate::args::RtiArguments;
 use crate::message::{self, Error};
 use crate::roster::Roster;
-use crate::{check, frames, secret, signals};
+use crate::{check, frames, outputs, secret, signals};
 
 /// How long an orderly stop may take. Federates that do not come to it give up a little earlier, so
 /// that the RTI can still tell the others.
@@ -30,6 +30,7 @@ const AFTER_FAILURE: Duration = Duration::from_secs(5);
 ///
 /// If it cannot listen, or the federation fails.
 pub(crate) fn rti(arguments: RtiArguments) -> Result<ExitCode, Error> {
+    outputs::check_of_rti(&arguments)?;
     let compiled = match check::checked(&arguments.program())? {
         Ok(compiled) => compiled,
         Err(code) => return Ok(code),

@@ -10,7 +10,7 @@ use std::time::Duration;
 use hprm::launch::die_with_parent;
 use hprm::recorder::TRACE;
 use hprm::{Security, Stage};
-use hprm_core::{FederateId, Program};
+use hprm_core::{FederateId, Program, means_federate};
 use hprm_model::Compiled;
 
 use crate::args::{FederateArguments, Interpreter, Properties, Run};
@@ -20,7 +20,8 @@ use crate::message::{self, Error};
 use crate::registry::Record;
 use crate::source::Program as Wanted;
 use crate::{
-    check, declare, executable, frames, hosts, join, python, remote, rti, secret, signals, threads,
+    check, declare, executable, frames, hosts, join, outputs, python, remote, rti, secret, signals,
+    threads,
 };
 
 /// Runs a program to its end.
@@ -36,6 +37,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
             return Ok(ExitCode::FAILURE);
         }
     }
+    outputs::check_of_run(arguments)?;
     if !arguments.is_for_federation() && declare::is_alone(&arguments.file)? {
         let this = std::env::current_exe();
         let this =
@@ -54,9 +56,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         false => python::find(&arguments.interpreter)?,
     };
     if !compiled.program.is_federated() {
-        if arguments.frames.are_asked_for() {
-            return Err(without_frames(&arguments.file));
-        }
+        refuse_options_of_federations(&compiled.program, arguments)?;
         return Err(replace(alone(&python, arguments, None)));
     }
     frames::begin(&arguments.frames, Some(&compiled.program))?;
@@ -70,7 +70,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
     // That option says where all of them run.
     if arguments.at.fleet_key.is_none() && !arguments.in_process {
         let is_asked_for =
-            |name: &str| arguments.at.at.iter().any(|(federate, _)| federate == name);
+            |name: &str| arguments.at.at.iter().any(|(text, _)| means_federate(text, name));
         let elsewhere = hosts::federates(&compiled, is_asked_for);
         if !elsewhere.is_empty() {
             check::show(&elsewhere, &compiled.sources);
@@ -136,9 +136,17 @@ fn debugged(program: &Program, arguments: &Run) -> Result<Option<FederateId>, Er
     }
 }
 
-fn without_frames(file: &Path) -> Error {
-    Error::option(format!("{} has no frames to log", file.display()))
-        .hint("it has no federates: its main reactor is not federated")
+fn refuse_options_of_federations(program: &Program, arguments: &Run) -> Result<(), Error> {
+    if arguments.frames.are_asked_for() {
+        let said = format!("{} has no frames to log", arguments.file.display());
+        return Err(
+            Error::option(said).hint("it has no federates: its main reactor is not federated")
+        );
+    }
+    match arguments.at.at.first() {
+        Some((federate, _)) => Err(no_federate(program, &arguments.file, federate)),
+        None => Ok(()),
+    }
 }
 
 fn no_federate(program: &Program, file: &Path, name: &str) -> Error {
@@ -156,6 +164,7 @@ fn no_federate(program: &Program, file: &Path, name: &str) -> Error {
 ///
 /// If it cannot be started.
 pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error> {
+    outputs::check_of_federate(arguments)?;
     let mut properties = arguments.properties.clone();
     let (running, nothing) = match join::running(arguments)? {
         Found::Running(running) => (running, None),

@@ -21,7 +21,23 @@ pub fn build(outline: &Outline, open: &dyn Fn(usize) -> bool) -> Graph {
         of: vec![None; outline.reactors.len()],
     };
     build.reactor(0, None, open);
+    bring_back(&mut build.graph);
     build.graph
+}
+
+/// Moves ports of open reactors that `@side` puts above or below, and to which no line leads from outside, to the side
+/// where they are without it: there is no layout otherwise.
+fn bring_back(graph: &mut Graph) {
+    for (index, node) in graph.nodes.iter_mut().enumerate() {
+        for (number, port) in node.ports.iter_mut().enumerate() {
+            let is_led_to = graph.edges.iter().any(|edge| {
+                edge.container != index && [edge.from, edge.to].contains(&(index, number))
+            });
+            if port.side.is_vertical() && !is_led_to {
+                port.side = Side::of(port.direction);
+            }
+        }
+    }
 }
 
 /// Whether a reactor has something that its box hides while it is closed.

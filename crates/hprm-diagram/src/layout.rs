@@ -30,6 +30,9 @@ pub(crate) const SIGN_SPACE: f64 = 16.0;
 /// The room for the sign of a delay or a physical connection on a line.
 const SIGN: f64 = 22.0;
 
+/// The largest number of an option that a program states, in pixels.
+const LARGEST: f64 = 10_000.0;
+
 /// The layout failed: a bug of the layout, or an option that it does not know.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct NoLayout(pub String);
@@ -47,7 +50,9 @@ pub fn layout(graph: &mut Graph) -> Result<(), NoLayout> {
     let attempt = |stated: bool| {
         let known = |option: &str, value: &str| {
             let known = elk.options.option_by_suffix(option);
-            stated && known.is_some_and(|known| known.parse_value(value).is_some())
+            // A number beyond all pictures overflows.
+            let is_large = value.parse::<f64>().is_ok_and(|number| number.abs() > LARGEST);
+            stated && !is_large && known.is_some_and(|known| known.parse_value(value).is_some())
         };
         elk.layout_json(&document(graph, &known).to_string())
     };

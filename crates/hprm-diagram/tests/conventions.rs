@@ -51,6 +51,19 @@ fn attributes_are_obeyed() {
 }
 
 #[test]
+fn a_port_without_a_line_from_outside_has_a_place_wherever_the_program_wants_it() {
+    for (side, port) in [("north", "input"), ("south", "input"), ("north", "output")] {
+        let reaction = if port == "input" { "reaction(p)" } else { "reaction(startup) -> p" };
+        let graph = drawn(&format!(
+            "reactor B {{ @side(\"{side}\") {port} p  {reaction} {{= pass =}} }}
+             main reactor {{ b = new B() }}"
+        ));
+        let b = graph.nodes.iter().find(|node| !node.ports.is_empty()).expect("it is drawn");
+        assert!(!matches!(b.ports[0].side, Side::North | Side::South), "{side}");
+    }
+}
+
+#[test]
 fn a_long_text_is_cut_and_a_viewer_shows_all_of_it() {
     let all = "what the camera saw < the last time it was asked for a picture";
     let graph =
@@ -72,6 +85,7 @@ fn an_option_that_the_layout_does_not_know_is_left_out() {
     };
     let plain = drawn(&program("18"));
     assert_eq!(drawn(&program("far away")).size, plain.size);
+    assert_eq!(drawn(&program("1e308")).size, plain.size);
     assert!(drawn(&program("90")).size.y > plain.size.y);
 }
 

@@ -32,6 +32,27 @@ main reactor {
 }
 
 #[test]
+fn a_federate_that_is_called_as_a_member_of_a_bank() {
+    assert_snapshot!(errors("
+reactor A { }
+federated reactor {
+  a = new[2] A()
+  a__1 = new A()
+}
+"), @r#"
+    error[LF0201]: two federates are called `a__1`
+     --> Main.lf:5:3
+      |
+    4 |   a = new[2] A()
+      |   - the first one
+    5 |   a__1 = new A()
+      |   ^^^^
+      |
+      = help: the members of a bank are federates that have its name with `__` and their index
+    "#);
+}
+
+#[test]
 fn a_connection_and_a_reaction_into_one_port() {
     assert_snapshot!(errors("
 reactor A { output out }

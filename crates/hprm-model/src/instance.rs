@@ -2,6 +2,8 @@
 //!
 //! Reactions and connections come later, when all ports exist; see [`lower`](crate::lower).
 
+use std::collections::BTreeMap;
+
 use hprm_core::{
     ActionId, Direction, ModalElement, ModeId, Nanos, Origin, ProgramBuilder, ReactorId, Table,
     TimerId, limits,
@@ -52,7 +54,8 @@ pub(crate) struct Tree<'a> {
     /// Classes that have instances, in the order of the first one.
     pub(crate) classes: Vec<ClassId>,
     size: usize,
-    federates: usize,
+    /// Where the program declares each federate, by name.
+    federates: BTreeMap<String, Span>,
     federated: bool,
 }
 
@@ -71,7 +74,7 @@ pub(crate) fn instantiate<'a>(
         builder,
         classes: Vec::new(),
         size: 0,
-        federates: 0,
+        federates: BTreeMap::new(),
         federated: decl.kind == declaration::ReactorKind::Federated,
     };
     let indices = vec![None; models.len()];
@@ -278,8 +281,7 @@ impl<'a> Growth<'a, '_> {
         environment: &Environment<'a>,
         bank_index: Option<u32>,
     ) -> Option<()> {
-        self.tree.federates += 1;
-        if self.tree.federates > limits::FEDERATES {
+        if self.tree.federates.len() == limits::FEDERATES {
             let message = format!("a federation has at most {} federates", limits::FEDERATES);
             self.report.add(Diagnostic::error("LF0406", decl.name.span, message));
             return None;
@@ -288,6 +290,14 @@ impl<'a> Growth<'a, '_> {
         let maxwait = maxwait(decl, outer, environment, self.report);
         let name = &decl.name.text;
         let name = bank_index.map_or_else(|| name.clone(), |index| format!("{name}__{index}"));
+        if let Some(first) = self.tree.federates.insert(name.clone(), decl.name.span) {
+            let message = format!("two federates are called `{name}`");
+            let error = Diagnostic::error("LF0201", decl.name.span, message);
+            self.report.add(error.label(first, "the first one").hint(
+                "the members of a bank are federates that have its name with `__` and their index",
+            ));
+            return None;
+        }
         let host = decl.host.as_ref().map(|host| host.text.clone());
         let maxwait = maxwait.unwrap_or(Nanos::MAX);
         let federate = self.tree.builder.federate(reactor, &name, maxwait, host);

@@ -141,7 +141,7 @@ where
         inbox,
         host,
         federation,
-        counts: Counts::new(&board, options.program.channels.len()),
+        counts: Counts::new(&board, options.program.channels.len(), exchange.is_some()),
         board,
         exchange: exchange.cloned(),
         phase: Phase::Joining,

@@ -16,6 +16,7 @@ mod writer;
 
 pub use digest::{Described, Digest, Digester};
 pub use draft::Draft;
+pub(crate) use draft::open_there;
 pub(crate) use folder::Folder;
 pub use folder::remove_abandoned;
 pub use parts::Parts;

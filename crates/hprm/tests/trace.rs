@@ -1,5 +1,6 @@
 //! The logical trace of a program in one process: what is in the file, and when it is there.
 
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -10,6 +11,7 @@ use hprm_core::{
     Properties, ReactionId, ReactionSpec, Reading, Scheduler, Trigger,
 };
 use hprm_store::{Object, StoreAllocator};
+use rustix::fs::OFlags;
 
 /// Sets ports to the number of the reaction, and schedules actions without a value.
 struct Numbers {
@@ -165,12 +167,12 @@ fn what_is_no_plain_file_is_written_to_and_stays() {
     let pipe = folder.path().join("pipe");
     let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();
     assert!(made.success());
-    let reader = std::thread::spawn({
-        let pipe = pipe.clone();
-        move || lines(&pipe).len()
-    });
+    let unread = run(&pipe, i64::MAX).unwrap_err().to_string();
+    assert!(unread.contains("pipe: nothing reads this pipe"), "{unread}");
+    let at_once = OFlags::NONBLOCK.bits().cast_signed();
+    let reader = std::fs::OpenOptions::new().read(true).custom_flags(at_once).open(&pipe);
     run(&pipe, i64::MAX).unwrap();
-    assert_eq!(reader.join().unwrap(), 5);
+    assert_eq!(std::io::read_to_string(reader.unwrap()).unwrap().lines().count(), 5);
     assert!(!std::fs::metadata(&pipe).unwrap().is_file());
 }
 

@@ -1,6 +1,6 @@
 //! What can be typed about traces of runs.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use hprm::recorder::{DEFAULT_CAPACITY, TraceRequest};
@@ -18,6 +18,11 @@ pub(crate) struct Tracing {
 }
 
 impl Tracing {
+    /// The file that the option names.
+    pub(crate) fn file(&self) -> Option<&Path> {
+        self.trace.as_deref()
+    }
+
     /// What is asked for; without that, what the program asks for.
     pub(crate) fn request(&self, stated: Option<String>) -> Option<TraceRequest> {
         let path = self.trace.clone().or_else(|| stated.map(PathBuf::from))?;

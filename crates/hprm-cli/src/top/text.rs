@@ -114,12 +114,14 @@ pub(crate) fn why(federation: &Federation, only: Option<usize>) -> Vec<String> {
 pub(crate) fn connection(flow: &Flow) -> Vec<String> {
     let arrow = if flow.name.physical { "~>" } else { "->" };
     let none = || "-".to_owned();
+    // Between threads of one process, values go as they are.
+    let is_sized = flow.messages == 0 || flow.bytes > 0;
     vec![
         format!("{} {arrow} {}", flow.name.from_port, flow.name.to_port),
         flow.messages.to_string(),
         flow.message_rate.map_or_else(none, rate),
-        bytes(flow.bytes),
-        flow.byte_rate.map_or_else(none, |it| bytes(it as u64)),
+        Some(flow.bytes).filter(|_| is_sized).map_or_else(none, bytes),
+        flow.byte_rate.filter(|_| is_sized).map_or_else(none, |it| bytes(it as u64)),
         flow.last.map_or_else(none, tag),
     ]
 }

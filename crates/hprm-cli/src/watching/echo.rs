@@ -34,6 +34,10 @@ struct Form {
 ///
 /// If there is none.
 pub(crate) fn echo(arguments: &Echo) -> Result<ExitCode, Error> {
+    message::or_json(arguments.json, show(arguments))
+}
+
+fn show(arguments: &Echo) -> Result<ExitCode, Error> {
     if let Some(listen) = &arguments.foxglove {
         return Err(super::viewer::become_viewer(arguments, listen));
     }

@@ -17,6 +17,7 @@ use super::{News, open, tell_of_signals};
 use crate::args::Rate;
 use crate::columns::{self, time};
 use crate::message::{self, Error};
+use crate::top;
 
 /// What federates have counted, and which federate.
 type Reports = News<(String, Counts)>;
@@ -27,6 +28,10 @@ type Reports = News<(String, Counts)>;
 ///
 /// If there is no such connection.
 pub(crate) fn rate(arguments: &Rate) -> Result<ExitCode, Error> {
+    message::or_json(arguments.json, show(arguments))
+}
+
+fn show(arguments: &Rate) -> Result<ExitCode, Error> {
     let opened = open(&arguments.of, arguments.port.as_slice(), Wish::Counts)?;
     let Opened { program, watched, .. } = opened;
     let alive = watched.len();
@@ -132,9 +137,15 @@ impl Rates<'_> {
         let some = |nanoseconds| time((*intervals > 0).then_some(nanoseconds));
         #[expect(clippy::cast_possible_truncation, reason = "nanoseconds have no fractions")]
         let rounded = |nanoseconds: Option<f64>| time(nanoseconds.map(|it| it.round() as i64));
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "it is for people"
+        )]
+        let size = |bytes| top::bytes(self.per_second(bytes).round() as u64);
         // Between threads of one process, values go as they are.
         let bytes = match (messages, bytes) {
-            (0, _) | (_, 1..) => size(self.per_second(*bytes)),
+            (0, _) | (_, 1..) => size(*bytes),
             (_, 0) => "-".to_owned(),
         };
         vec![
@@ -169,26 +180,5 @@ impl Rates<'_> {
             "bytes_per_second": self.per_second(*bytes),
             "interval": interval,
         })
-    }
-}
-
-/// Bytes with a unit.
-fn size(bytes: f64) -> String {
-    match bytes {
-        0.0..1e3 => format!("{bytes:.0} B"),
-        1e3..1e6 => format!("{:.1} KB", bytes / 1e3),
-        1e6..1e9 => format!("{:.1} MB", bytes / 1e6),
-        _ => format!("{:.1} GB", bytes / 1e9),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::size;
-
-    #[test]
-    fn sizes_have_units() {
-        let shown = [0.0, 999.0, 1_500.0, 5e7, 2.5e9].map(size);
-        assert_eq!(shown, ["0 B", "999 B", "1.5 KB", "50.0 MB", "2.5 GB"]);
     }
 }

@@ -34,13 +34,15 @@ pub(super) fn name_places(board: &BoardWriter, options: &FederateOptions, host: 
 pub(super) struct Counts {
     /// By channel; empty, if there is no board.
     channels: Vec<ChannelCount>,
+    /// Whether messages are references to values of this process, which have no size.
+    in_process: bool,
     tags: u64,
     tardy: u64,
 }
 
 impl Counts {
-    /// Counts what goes over so many channels.
-    pub(super) fn new(board: &BoardWriter, channels: usize) -> Self {
+    /// Counts what goes over so many channels, in one process or between several.
+    pub(super) fn new(board: &BoardWriter, channels: usize, in_process: bool) -> Self {
         let shown = if board.is_on() { channels } else { 0 };
         let count = |channel: usize| ChannelCount {
             channel: u32::try_from(channel).unwrap_or(u32::MAX),
@@ -48,7 +50,7 @@ impl Counts {
             bytes: 0,
             last: None,
         };
-        Self { channels: (0..shown).map(count).collect(), tags: 0, tardy: 0 }
+        Self { channels: (0..shown).map(count).collect(), in_process, tags: 0, tardy: 0 }
     }
 
     /// A message leaves or has come.
@@ -56,7 +58,7 @@ impl Counts {
     pub(super) fn message(&mut self, channel: ChannelId, tag: Tag, payload: &Payload) {
         if let Some(count) = self.channels.get_mut(channel.index()) {
             count.messages += 1;
-            count.bytes += bytes_of(payload);
+            count.bytes += if self.in_process { 0 } else { bytes_of(payload) };
             count.last = Some(tag);
         }
     }

@@ -2,16 +2,12 @@
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
-
-use rustix::fs::OFlags;
-use rustix::io::Errno;
 
 use super::convert::{Lost, convert};
 use super::request::TraceRequest;
 use super::share::ShareReader;
-use crate::trace::{Draft, Folder};
+use crate::trace::{Draft, Folder, open_there};
 use crate::{Failure, Kind, Report};
 
 /// The shares of a trace. They are gone when this is.
@@ -34,7 +30,7 @@ impl Shares {
     pub fn of(path: &Path) -> Result<Self, Failure> {
         let unwritten = |error| Failure::trace(path, &error);
         let replaces = Draft::replaces(path).map_err(unwritten)?;
-        let there = (!replaces).then(|| open(path)).transpose().map_err(unwritten)?;
+        let there = (!replaces).then(|| open_there(path)).transpose().map_err(unwritten)?;
         let folder = Folder::of(path)?;
         Ok(Self { path: path.to_owned(), there, folder, capacity: super::DEFAULT_CAPACITY })
     }
@@ -113,20 +109,6 @@ impl Shares {
             )),
         })
     }
-}
-
-/// Opens what is there, at once: a pipe that nothing reads is an error.
-fn open(path: &Path) -> io::Result<File> {
-    let mut options = fs::OpenOptions::new();
-    options.append(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed());
-    let file = options.open(path).map_err(|error| match Errno::from_io_error(&error) {
-        Some(Errno::NXIO) => io::Error::other("nothing reads this pipe"),
-        _ => error,
-    })?;
-    // A reader of the pipe may be slower than what is written.
-    let flags = rustix::fs::fcntl_getfl(&file)?;
-    rustix::fs::fcntl_setfl(&file, flags - OFlags::NONBLOCK)?;
-    Ok(file)
 }
 
 /// Adds a share to the trace. A process that was killed at once may not have written its names.

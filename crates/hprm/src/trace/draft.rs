@@ -5,7 +5,11 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
+
+use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
+use rustix::io::Errno;
 
 use super::line::Line;
 
@@ -26,7 +30,7 @@ impl Draft {
     /// If it cannot be made.
     pub fn create(path: &Path) -> io::Result<Self> {
         if !Self::replaces(path)? {
-            return Ok(Self { names: None, out: BufWriter::new(open(path)?) });
+            return Ok(Self { names: None, out: BufWriter::new(open_there(path)?) });
         }
         let mut name = path.as_os_str().to_owned();
         name.push(".partial");
@@ -85,21 +89,32 @@ impl Drop for Draft {
     }
 }
 
-/// Opens what is there. What programs have printed to `/dev/stdout` stays.
-fn open(path: &Path) -> io::Result<File> {
+/// Opens what is there and is no plain file, at once: a pipe that nothing reads is an error. What programs have printed
+/// to `/dev/stdout` stays.
+pub(crate) fn open_there(path: &Path) -> io::Result<File> {
     let stream = ["/dev", "/proc"].iter().any(|folder| path.starts_with(folder));
     let mut options = OpenOptions::new();
+    options.custom_flags(OFlags::NONBLOCK.bits().cast_signed());
     if stream {
         options.append(true);
     } else {
         options.write(true).create(true).truncate(true);
     }
-    options.open(path)
+    let file = options.open(path).map_err(|error| match Errno::from_io_error(&error) {
+        Some(Errno::NXIO) => io::Error::other("nothing reads this pipe"),
+        _ => error,
+    })?;
+    // A reader of the pipe may be slower than what is written.
+    let flags = fcntl_getfl(&file)?;
+    fcntl_setfl(&file, flags - OFlags::NONBLOCK)?;
+    Ok(file)
 }
 
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
+
+    use rustix::fs::{CWD, FileType, Mode, mknodat};
 
     use super::super::line::{Header, VERSION};
     use super::*;
@@ -108,6 +123,22 @@ mod tests {
         let program = "x".repeat(100_000);
         let names = BTreeMap::new();
         Line::Header(Header { hprm_logical_trace: VERSION, program, federated: false, names })
+    }
+
+    #[test]
+    fn what_is_there_and_is_no_plain_file_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let [pipe, link, file] = ["pipe", "link", "file"].map(|name| folder.path().join(name));
+        mknodat(CWD, &pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+        assert_eq!(Draft::create(&pipe).unwrap_err().to_string(), "nothing reads this pipe");
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        for _ in 0..2 {
+            let mut draft = Draft::create(&link).unwrap();
+            draft.write(&header()).unwrap();
+            draft.publish().unwrap();
+        }
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(fs::read_to_string(&file).unwrap().lines().count(), 1);
     }
 
     #[test]

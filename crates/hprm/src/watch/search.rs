@@ -10,7 +10,7 @@ use super::connecting::Connections;
 use super::target::{Share, Target, ends};
 use super::watcher::{Sight, WatchError, Watching};
 use crate::board::RunningFederation;
-use crate::{Kind, Report};
+use crate::{Kind, Label, Report, console};
 
 /// How often to look whether a federation runs.
 const LOOKING: Duration = Duration::from_millis(50);
@@ -99,7 +99,10 @@ impl Search {
             let is_late = Instant::now() >= until;
             match self.look().map_err(|report| *report)? {
                 Found { opened: Some(opened), missing: None } => return Ok(opened),
-                Found { opened: Some(opened), .. } if is_late && !opened.watched.is_empty() => {
+                Found { opened: Some(opened), missing: Some(missing) }
+                    if is_late && !opened.watched.is_empty() =>
+                {
+                    console::show(Label::Warning, &missing);
                     return Ok(opened);
                 }
                 Found { missing: Some(missing), .. } if is_late => return Err(missing.into()),
