@@ -183,7 +183,8 @@ def test_values_of_all_kinds_are_shown(bench: Bench, coordination: str, threads:
     assert values[4]["c"]["array"]["dtype"] == "int64"
     assert values[5] == {"pickle": "__main__.Opaque"}
     assert values[6] == [{"a fractions.Fraction": [1, 3]}]
-    assert values[7] == {"at": "Rust has no elements of the array's dtype <M8[D]", "n": 1}
+    why = "Rust has no elements of the array's dtype <M8[D]"
+    assert values[7] == {"at": {"an array": why}, "n": 1}
     assert values[8] == [[1.0, 2.0]]
     stop(run)
 

@@ -62,7 +62,7 @@ fn check(program: &Path, outputs: &[Output<'_>]) -> Result<(), Error> {
         }
         if let Some((other, _)) = known.iter().find(|(_, other)| *other == found) {
             let said = format!("{other} and {option} name one file: {}", path.display());
-            return Err(Error::option(said).hint("name two"));
+            return Err(Error::option(said).hint("name a file for each"));
         }
         known.push((option, found));
     }

@@ -25,15 +25,16 @@ pub fn build(outline: &Outline, open: &dyn Fn(usize) -> bool) -> Graph {
     build.graph
 }
 
-/// Moves ports of open reactors that `@side` puts above or below, and to which no line leads from outside, to the side
-/// where they are without it: there is no layout otherwise.
+/// Moves ports that `@side` puts above or below, and to which lines lead from inside only, to the side where they are
+/// without it: there is no layout otherwise.
 fn bring_back(graph: &mut Graph) {
-    for (index, node) in graph.nodes.iter_mut().enumerate() {
-        for (number, port) in node.ports.iter_mut().enumerate() {
-            let is_led_to = graph.edges.iter().any(|edge| {
-                edge.container != index && [edge.from, edge.to].contains(&(index, number))
-            });
-            if port.side.is_vertical() && !is_led_to {
+    let Graph { nodes, edges, .. } = graph;
+    for (index, node) in nodes.iter_mut().enumerate() {
+        let ports = node.ports.iter_mut().enumerate();
+        for (number, port) in ports.filter(|(_, port)| port.side.is_vertical()) {
+            let is_end = |edge: &&Edge| [edge.from, edge.to].contains(&(index, number));
+            let mut lines = edges.iter().filter(is_end).peekable();
+            if lines.peek().is_some() && lines.all(|edge| edge.container == index) {
                 port.side = Side::of(port.direction);
             }
         }

@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_of_errors_are_not_without_numbers() {
+    fn numbers_of_errors_are_not_told() {
         let reason = io::Error::from_raw_os_error(2).to_string();
         assert_eq!(
             without_numbers(&format!("cannot read {reason}: why?")),

@@ -2,10 +2,11 @@
 
 mod elements;
 
+use std::iter;
 use std::sync::Arc;
 
 use serde::de::Visitor;
-use serde::de::value::BorrowedBytesDeserializer;
+use serde::de::value::{BorrowedBytesDeserializer, MapDeserializer};
 
 use self::elements::{Cell, Flat};
 use super::Walk;
@@ -34,7 +35,9 @@ impl<'a> Walk<'a> {
                         // What to send instead is no matter for those that look, and where it is, they see.
                         let text = error.to_string();
                         let text = text.split(" (hint").next().unwrap_or(&text);
-                        return visitor.visit_str(text.strip_prefix("`value`: ").unwrap_or(text));
+                        let why = text.strip_prefix("`value`: ").unwrap_or(text);
+                        let entries = iter::once(("an array", why));
+                        return visitor.visit_map(MapDeserializer::new(entries));
                     }
                     array => array?,
                 };

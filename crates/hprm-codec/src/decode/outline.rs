@@ -89,13 +89,14 @@ mod tests {
     }
 
     #[test]
-    fn an_array_that_rust_does_not_have_is_a_text() {
+    fn an_array_that_rust_does_not_have_is_an_array_with_the_reason() {
         let mut head = vec![DIRECT, NodeKind::Array as u8, 4, 0];
         head.extend(b"<f2");
         // In the order of C, one dimension of one element, two bytes.
         head.extend([0, 1, 1, 4, 0, 60]);
-        let text = "Rust has no elements of the array's dtype <f2".to_owned();
-        assert_eq!(outline(&head, &[]), Ok(Dynamic::Str(text)));
+        let text = |text: &str| Dynamic::Str(text.to_owned());
+        let why = text("Rust has no elements of the array's dtype <f2");
+        assert_eq!(outline(&head, &[]), Ok(Dynamic::Dict(vec![(text("an array"), why)])));
     }
 
     #[test]

@@ -114,6 +114,7 @@ impl<R: BufRead + Seek> Reader<R> {
         self.next = match self.read()? {
             Some(Line::Entry(entry)) => Some(entry),
             Some(Line::Header(_)) => return Err(self.bad()),
+            Some(Line::End(_)) if self.read()?.is_some() => return Err(self.is_over()),
             Some(Line::End(_)) | None => None,
         };
         Ok(())
@@ -128,6 +129,11 @@ impl<R: BufRead + Seek> Reader<R> {
             Ok(_) => serde_json::from_str(&text).map(Some).map_err(|_| self.bad()),
             Err(_) => Err(self.bad()),
         }
+    }
+
+    fn is_over(&self) -> Failure {
+        Failure::command(format!("{}:{} comes after the end of the trace", self.name, self.line))
+            .with_hint("a file has the logical trace of one run")
     }
 
     fn bad(&self) -> Failure {
@@ -219,5 +225,8 @@ pub(super) mod tests {
         let entry = |tag: i64| format!("{{\"tag\":[{tag},0],\"reaction\":\"M.1\"}}\n");
         let back = format!("{HEADER}{}{}{}", entry(5), entry(4), entry(6));
         assert!(refused(&back).contains("is no line"));
+        let end = "{\"end\":[5,0],\"outcome\":\"done\"}\n";
+        let twice = format!("{HEADER}{}{end}{}{end}", entry(5), entry(5));
+        assert!(refused(&twice).contains("a:4 comes after the end"));
     }
 }
