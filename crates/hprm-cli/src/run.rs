@@ -127,6 +127,9 @@ fn alone(python: &Path, arguments: &Run, launcher: Option<&Path>) -> Command {
     command
 }
 
+/// Why a program has nothing of a federation.
+const NOT_FEDERATED: &str = "it has no federates: its main reactor is not federated";
+
 /// The federate that gets the terminal.
 fn debugged(program: &Program, arguments: &Run) -> Result<Option<FederateId>, Error> {
     let Some(name) = &arguments.debug else { return Ok(None) };
@@ -139,9 +142,7 @@ fn debugged(program: &Program, arguments: &Run) -> Result<Option<FederateId>, Er
 fn refuse_options_of_federations(program: &Program, arguments: &Run) -> Result<(), Error> {
     if arguments.frames.are_asked_for() {
         let said = format!("{} has no frames to log", arguments.file.display());
-        return Err(
-            Error::option(said).hint("it has no federates: its main reactor is not federated")
-        );
+        return Err(Error::option(said).hint(NOT_FEDERATED));
     }
     match arguments.at.at.first() {
         Some((federate, _)) => Err(no_federate(program, &arguments.file, federate)),
@@ -153,7 +154,7 @@ fn no_federate(program: &Program, file: &Path, name: &str) -> Error {
     let names: Vec<_> = program.federates.values().map(|federate| federate.name.as_str()).collect();
     let error = Error::option(format!("{} has no federate {name}", file.display()));
     match names.is_empty() {
-        true => error.hint("it has no federates: its main reactor is not federated"),
+        true => error.hint(NOT_FEDERATED),
         false => error.hint(format!("its federates: {}", names.join(", "))),
     }
 }

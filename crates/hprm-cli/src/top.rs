@@ -19,7 +19,7 @@ use std::thread;
 
 use self::collect::Boards;
 use self::federation::Federation;
-pub(crate) use self::words::bytes;
+pub(crate) use self::words::{are_sized, bytes};
 use crate::args::Top;
 use crate::message::{self, Error, print_line};
 

@@ -330,6 +330,12 @@ impl Program {
         self.federates.iter().find(|(_, federate)| federate.name == name).map(|(id, _)| id)
     }
 
+    /// The federates that users mean by a text: one by its name, or all members of a bank by that of the bank.
+    pub fn federates_meant(&self, text: &str) -> impl Iterator<Item = FederateId> {
+        let meant = self.federates.iter().filter(move |(_, it)| means_federate(text, &it.name));
+        meant.map(|(id, _)| id)
+    }
+
     /// Whether the two ends of a connection lie in different federates.
     #[must_use]
     pub fn crosses_federates(&self, connection: &Connection) -> bool {

@@ -82,7 +82,7 @@ class Turns:
         waits for may be there already.
         """
         ident = threading.get_ident()
-        waiter = Waiter(ident, condition, sleeps)
+        waiter: Waiter | None = None
         try:
             with self._lock:
                 if self._is_over:
@@ -90,6 +90,7 @@ class Turns:
                 held = ident in self._holders
                 if held and condition():
                     return
+                waiter = Waiter(ident, condition, sleeps)
                 self._waiters.append(waiter)
                 is_settled = self._release(ident)
                 if is_settled:

@@ -6,7 +6,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use hprm::agent::{self, Machine, Place};
-use hprm_core::{FederateId, Program, means_federate};
+use hprm_core::{FederateId, Program};
 
 use super::clocks;
 use super::stand_in::probe;
@@ -138,8 +138,7 @@ fn stated(
 ) -> Result<BTreeMap<FederateId, String>, Error> {
     let mut machines = BTreeMap::new();
     for (name, machine) in at {
-        let meant = program.federates.iter().filter(|(_, it)| means_federate(name, &it.name));
-        let meant: Vec<_> = meant.map(|(id, _)| id).collect();
+        let meant: Vec<_> = program.federates_meant(name).collect();
         if meant.is_empty() {
             let names: Vec<_> = program.federates.values().map(|it| it.name.as_str()).collect();
             return Err(Error::option(format!(

@@ -6,7 +6,7 @@ use hprm_core::Tag;
 use super::federation::{Federation, Member};
 use super::rates::{Flow, flows, tag_rate};
 use super::why::Part;
-use super::words::{bytes, rate, tag, time};
+use super::words::{are_sized, bytes, rate, tag, time};
 
 /// The titles of the columns of federates.
 pub(crate) const TITLES: [&str; 8] =
@@ -114,8 +114,7 @@ pub(crate) fn why(federation: &Federation, only: Option<usize>) -> Vec<String> {
 pub(crate) fn connection(flow: &Flow) -> Vec<String> {
     let arrow = if flow.name.physical { "~>" } else { "->" };
     let none = || "-".to_owned();
-    // Between threads of one process, values go as they are.
-    let is_sized = flow.messages == 0 || flow.bytes > 0;
+    let is_sized = are_sized(flow.messages, flow.bytes);
     vec![
         format!("{} {arrow} {}", flow.name.from_port, flow.name.to_port),
         flow.messages.to_string(),

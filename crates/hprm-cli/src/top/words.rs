@@ -37,6 +37,11 @@ pub(crate) fn bytes(bytes: u64) -> String {
     scaled(bytes, &["B", "KB", "MB", "GB", "TB"], 1000.0)
 }
 
+/// Whether messages have a size: between threads of one process, values go as they are.
+pub(crate) fn are_sized(messages: u64, bytes: u64) -> bool {
+    messages == 0 || bytes > 0
+}
+
 /// A number in a second, with three digits.
 pub(crate) fn rate(rate: f64) -> String {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it is for people")]

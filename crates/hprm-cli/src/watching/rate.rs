@@ -143,10 +143,9 @@ impl Rates<'_> {
             reason = "it is for people"
         )]
         let size = |bytes| top::bytes(self.per_second(bytes).round() as u64);
-        // Between threads of one process, values go as they are.
-        let bytes = match (messages, bytes) {
-            (0, _) | (_, 1..) => size(*bytes),
-            (_, 0) => "-".to_owned(),
+        let bytes = match top::are_sized(*messages, *bytes) {
+            true => size(*bytes),
+            false => "-".to_owned(),
         };
         vec![
             ends(program, self.channel).join(" -> "),

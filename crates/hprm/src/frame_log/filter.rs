@@ -1,6 +1,6 @@
 //! Which frames a log has: the words of the variable, and what they select.
 
-use hprm_core::{Program, means_federate};
+use hprm_core::Program;
 use hprm_federated::Frame;
 
 use super::Party;
@@ -47,8 +47,7 @@ fn parties(word: &str, program: &Program) -> Vec<Party> {
     if word == RTI {
         return vec![Party::Rti];
     }
-    let meant = program.federates.iter().filter(|(_, it)| means_federate(word, &it.name));
-    meant.map(|(id, _)| Party::Federate(id)).collect()
+    program.federates_meant(word).map(Party::Federate).collect()
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use hprm_core::{ChannelId, Direction, FederateId, PortId, Program, means_federate};
+use hprm_core::{ChannelId, Direction, FederateId, PortId, Program};
 use hprm_model::existing;
 
 use super::Wish;
@@ -113,7 +113,7 @@ impl Named {
         let Some((federate, port)) = text.split_once('.') else {
             return Err(Box::new(without_port(program, text)));
         };
-        let meant = meant_by(program, federate);
+        let meant: Vec<_> = program.federates_meant(federate).collect();
         if meant.is_empty() {
             let said = format!("{} has no federate {federate}", program.name);
             let names = federates.iter().map(|id| shown(program, *id));
@@ -150,7 +150,8 @@ fn wrong(said: impl Into<String>) -> Report {
 
 /// That a text names no port, and which ports it may mean if it names a federate.
 fn without_port(program: &Program, text: &str) -> Report {
-    let ports = ports_of(program, &meant_by(program, text));
+    let meant: Vec<_> = program.federates_meant(text).collect();
+    let ports = ports_of(program, &meant);
     if ports.is_empty() {
         return wrong(format!("{text} is no port of a federate"))
             .hint("name a federate and its port, as in camera.image");
@@ -191,12 +192,6 @@ fn shown(program: &Program, federate: FederateId) -> String {
 /// Whether a name means one that may have an index: `image` means `image[0]` too.
 fn is(name: &str, full: &str) -> bool {
     name == full || full.strip_prefix(name).is_some_and(|index| index.starts_with('['))
-}
-
-/// The federates that a name means.
-fn meant_by(program: &Program, name: &str) -> Vec<FederateId> {
-    let meant = program.federates.iter().filter(|(_, it)| means_federate(name, &it.name));
-    meant.map(|(id, _)| id).collect()
 }
 
 /// The ports of some federates, not of reactors in them.
