@@ -70,7 +70,7 @@ test: toolchain ## check format and lints, then run all Rust and Python tests, a
 
 # What is tested is compiled by clippy's driver: one compilation for lints and tests, which `cargo clippy` is not. It
 # denies warnings in the crates of this workspace, and sees others as rustc does.
-check: export RUSTC_WORKSPACE_WRAPPER := clippy-driver
+check: export RUSTC_WORKSPACE_WRAPPER := $(CURDIR)/tests/compiler.sh
 check: export CLIPPY_ARGS := -Dwarnings
 # As maturin compiles the extension, or cargo would compile that again whenever the two follow one another. No test is
 # linked to it: `--all-targets` would make one.

@@ -4,7 +4,7 @@
 
 use libfuzzer_sys::fuzz_target;
 
-#[path = "../../crates/hprm-lf/tests/common/answers.rs"]
+#[path = "../../crates/hprm-lf/tests/language/answers.rs"]
 mod answers;
 
 fuzz_target!(|bytes: &[u8]| answers::answers(bytes));

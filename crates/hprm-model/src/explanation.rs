@@ -5,7 +5,7 @@
 //! file, whose name follows the language (`Main.lf` or `main.py` if there is none), or, as `console`, the command
 //! that shows it. How texts look in a terminal is for the caller to say.
 //!
-//! Tests run all examples: `crates/hprm-lf/tests/explanations.rs`, and `tests/python/test_explain.py` those that
+//! Tests run all examples: `crates/hprm-lf/tests/language/explanations.rs`, and `tests/python/test_explain.py` those that
 //! need the command.
 
 use crate::diagnostic::Severity;

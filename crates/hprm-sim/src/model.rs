@@ -5,13 +5,16 @@
 //! are those that ship; `state` has what surrounds them, `check` what must be true. A violation comes
 //! with the shortest path to it.
 //!
-//! States are compared by a hash of everything in which they can differ; see `digest`.
+//! States are compared by a hash of everything in which they can differ; see `digest`. What a machine does in one
+//! of its states is computed once, however many states of the federation have it; see `moves`.
 
 mod check;
 mod digest;
+mod links;
+mod moves;
 mod state;
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::VecDeque;
 use std::fmt;
 use std::sync::Arc;
 
@@ -19,6 +22,7 @@ use hprm_core::{FederateId, Nanos, PhysicalTime, Program};
 use hprm_federated::{DnetMode, Fault};
 
 use self::check::Judge;
+use self::digest::Digests;
 use self::state::State;
 pub use self::state::{Action, Happening};
 use crate::node::Turn;
@@ -92,7 +96,7 @@ pub fn explore(program: &Arc<Program>, setting: &Setting) -> Result<Explored, Vi
     let mut search = Search {
         horizon: state.now.plus(setting.horizon),
         judge: Judge::new(program),
-        known: BTreeSet::from([state.digest()]),
+        known: Digests::from_iter([state.digest()]),
         origins: vec![None],
         frontier: VecDeque::from([(0, 0, state)]),
         explored: Explored { states: 1, ..Explored::default() },
@@ -118,7 +122,7 @@ fn assemble(state: &mut State) {
 struct Search {
     horizon: PhysicalTime,
     judge: Judge,
-    known: BTreeSet<u128>,
+    known: Digests,
     /// From which state, and by what, each state was reached first.
     origins: Vec<Option<(usize, Action)>>,
     frontier: VecDeque<(usize, usize, State)>,

@@ -64,7 +64,7 @@ impl Judge {
         let Seat { node, granted } = state.seats[me].get();
         let mut granted = node.machine.known_by_boards().unwrap_or(*granted);
         let here = state.place(me);
-        for event in state.links.get(&(Place::Rti, here)).into_iter().flatten() {
+        for event in state.links.on((Place::Rti, here)) {
             let Event::Federate(_, Input::FromRti(frame)) = event else { continue };
             match frame {
                 Frame::TagAdvanceGrant { tag } => granted = granted.max(Step::end(*tag)),
@@ -79,7 +79,7 @@ impl Judge {
                 }
             }
         }
-        let elsewhere = state.links.iter().filter(|((from, _), _)| *from != Place::Rti);
+        let elsewhere = state.links.all().filter(|((from, _), _)| *from != Place::Rti);
         elsewhere.flat_map(|(_, events)| frames(events)).find_map(|f| self.early(f, node, granted))
     }
 
@@ -137,7 +137,7 @@ impl Judge {
             return Some(format!("{name} ends at {}, but must at {stop}", node.last_tag()));
         }
         let lives = nodes.into_iter().filter_map(|node| node.clone().life());
-        let lives: Vec<_> = state.past.iter().cloned().chain(lives).collect();
+        let lives: Vec<_> = state.past.get().iter().cloned().chain(lives).collect();
         wrong(&self.program, &lives, (stop, state.lost_from), true)
     }
 

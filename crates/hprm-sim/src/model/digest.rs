@@ -3,7 +3,8 @@
 //! Among ten million states, two that do not differ in it although they should are as likely as one
 //! in 10^24. It is no protection against an attacker that looks for such states.
 
-use std::hash::{Hash, Hasher};
+use std::cell::Cell;
+use std::hash::{BuildHasherDefault, Hash, Hasher};
 use std::sync::Arc;
 
 use crate::rng::mix;
@@ -57,21 +58,48 @@ impl Hasher for Lanes {
         self.add(number);
     }
 
+    fn write_u128(&mut self, number: u128) {
+        self.add(number as u64);
+        self.add((number >> 64) as u64);
+    }
+
     fn write_usize(&mut self, number: usize) {
         self.add(number as u64);
     }
 }
 
-/// A value that states share until they differ in it, with its hash at hand.
+/// Hashes of states.
+#[expect(clippy::disallowed_types, reason = "nothing depends on their order")]
+pub(super) type Digests = std::collections::HashSet<u128, BuildHasherDefault<OfDigest>>;
+
+/// A part of a hash is a hash itself.
+#[derive(Default)]
+pub(super) struct OfDigest(u64);
+
+impl Hasher for OfDigest {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, _: &[u8]) {
+        unreachable!("digests are numbers of 128 bits");
+    }
+
+    fn write_u128(&mut self, digest: u128) {
+        self.0 = digest as u64;
+    }
+}
+
+/// A value that states share until they differ in it, with its hash at hand once that was needed.
 #[derive(Clone)]
 pub(super) struct Shared<T> {
     value: Arc<T>,
-    digest: u128,
+    digest: Cell<Option<u128>>,
 }
 
 impl<T: Hash + Clone> Shared<T> {
     pub(super) fn new(value: T) -> Self {
-        Self { digest: digest(&value), value: Arc::new(value) }
+        Self { value: Arc::new(value), digest: Cell::new(None) }
     }
 
     pub(super) fn get(&self) -> &T {
@@ -79,13 +107,19 @@ impl<T: Hash + Clone> Shared<T> {
     }
 
     pub(super) fn digest(&self) -> u128 {
-        self.digest
+        let known = self.digest.get().unwrap_or_else(|| digest(&*self.value));
+        self.digest.set(Some(known));
+        known
+    }
+
+    /// The value, for this owner alone.
+    pub(super) fn into_inner(self) -> T {
+        Arc::unwrap_or_clone(self.value)
     }
 
     /// Changes it for this owner alone.
     pub(super) fn change<R>(&mut self, change: impl FnOnce(&mut T) -> R) -> R {
-        let result = change(Arc::make_mut(&mut self.value));
-        self.digest = digest(&*self.value);
-        result
+        self.digest.set(None);
+        change(Arc::make_mut(&mut self.value))
     }
 }

@@ -1,6 +1,6 @@
 //! A federation between two actions: the machines, and the frames in transit between them.
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use hprm_core::{FederateId, Fingerprint, PhysicalTime, Program, Table, Tag};
@@ -10,6 +10,8 @@ use hprm_federated::{
 
 use super::Setting;
 use super::digest::{Shared, digest};
+use super::links::Links;
+use super::moves::{Move, Moves};
 use crate::Plan;
 use crate::network::{Event, Instance, LinkEvent, Place};
 use crate::node::{Node, Turn};
@@ -72,11 +74,12 @@ pub(super) struct State {
     pub(super) seats: Table<FederateId, Shared<Seat>>,
     federation: FederationId,
     fingerprint: Arc<Fingerprint>,
-    plan: Plan,
+    plan: Arc<Plan>,
     /// The records of earlier processes.
-    pub(super) past: Vec<Life>,
-    /// The events in transit, oldest first; empty links have no entry.
-    pub(super) links: BTreeMap<(Place, Place), VecDeque<Event>>,
+    pub(super) past: Shared<Vec<Life>>,
+    pub(super) links: Links,
+    /// What machines are known to do.
+    moves: Moves,
     /// The events from outside that may still happen.
     pub(super) happenings: BTreeSet<Happening>,
     pub(super) failed: Option<FederateId>,
@@ -115,9 +118,10 @@ impl State {
             seats: program.federates.ids().map(seat).collect(),
             federation,
             fingerprint: Arc::clone(&fingerprint),
-            plan,
-            past: Vec::new(),
-            links: BTreeMap::new(),
+            plan: Arc::new(plan),
+            past: Shared::new(Vec::new()),
+            links: Links::default(),
+            moves: Moves::default(),
             happenings: happenings.iter().copied().collect(),
             failed: None,
             finished: false,
@@ -171,13 +175,13 @@ impl State {
         let seats: Vec<_> = self.seats.values().map(Shared::digest).collect();
         let parts = (self.now, self.rti.digest(), seats, &self.links, &self.happenings);
         let rest = (self.failed, self.finished, &self.broken, &self.left, self.event);
-        digest(&(parts, rest, &self.past, self.lost_from))
+        digest(&(parts, rest, self.past.digest(), self.lost_from))
     }
 
     /// Whether that action tells a federate of the start.
     pub(super) fn is_start(&self, action: Action) -> bool {
         let Action::Deliver(from, to) = action else { return false };
-        let next = self.links.get(&(from, to)).and_then(VecDeque::front);
+        let next = self.links.on((from, to)).next();
         matches!(next, Some(Event::Federate(_, Input::FromRti(Frame::Start { .. }))))
     }
 
@@ -195,7 +199,7 @@ impl State {
 
     /// The deliveries that are possible.
     pub(super) fn deliveries(&self) -> impl Iterator<Item = Action> {
-        self.links.keys().map(|(from, to)| Action::Deliver(*from, *to))
+        self.links.ends().map(|(from, to)| Action::Deliver(from, to))
     }
 
     /// What may happen from outside.
@@ -220,7 +224,7 @@ impl State {
 
     /// The oldest event in transit on a link arrives.
     pub(super) fn deliver(&mut self, from: Place, to: Place) -> Result<(), Fault> {
-        let Some(event) = self.pop(from, to) else { return Ok(()) };
+        let Some(event) = self.links.pop((from, to)) else { return Ok(()) };
         match event {
             Event::Rti(input) => self.rti_input(input),
             Event::Federate(me, input) => self.input(me, input),
@@ -285,9 +289,15 @@ impl State {
 
     /// A federate advances. Returns until when it waits, if it has not processed a tag.
     pub(super) fn advance(&mut self, me: FederateId) -> Result<Turn, Fault> {
-        let now = self.now;
-        let turn = self.seats[me].change(|seat| seat.node.advance_once(now))?;
-        self.carry_out(me);
+        self.go(me, Move::Advance)
+    }
+
+    /// A federate does something.
+    fn go(&mut self, me: FederateId, what: Move) -> Result<Turn, Fault> {
+        let moved = self.moves.of_seat(&self.seats[me], self.now, what);
+        self.seats[me] = moved.machine.clone();
+        let turn = moved.result.clone()?;
+        self.carry_out_all(me, &moved.outputs);
         Ok(turn)
     }
 
@@ -324,13 +334,12 @@ impl State {
             Happening::Disconnect(me) => {
                 let (rti, place) = (Place::Rti, self.place(me));
                 self.broken.extend([(rti, place), (place, rti)]);
-                self.links.remove(&(place, rti));
-                self.links.remove(&(rti, place));
+                self.links.cut((place, rti));
                 // The federate may open another link before the RTI learns of the end of this one.
                 let closed = RtiInput::Closed { link: self.link(me) };
-                self.links.insert((rti, rti), VecDeque::from([Event::Rti(closed)]));
+                self.links.replace((rti, rti), Event::Rti(closed));
                 let lost = Event::Federate(self.instance(me), Input::RtiLost);
-                self.links.insert((rti, place), VecDeque::from([lost]));
+                self.links.replace((rti, place), lost);
                 Ok(())
             }
             Happening::Event(me) => {
@@ -348,7 +357,7 @@ impl State {
         let was = former.me;
         let is_new = former.last_tag() == Tag::NEVER && was.life == 0;
         let life = if is_new { 0 } else { was.life + 1 };
-        self.past.extend(former.clone().life());
+        self.past.change(|past| past.extend(former.clone().life()));
         let instance = Instance { federate: me, life };
         let node =
             Node::new(instance, former.program(), (self.federation, &self.fingerprint), &self.plan);
@@ -361,7 +370,7 @@ impl State {
     fn break_link(&mut self, one: Instance, other: Instance) {
         for (from, to) in [(one, other), (other, one)] {
             let places = (Place::Federate(from), Place::Federate(to));
-            for event in self.links.remove(&places).unwrap_or_default() {
+            for event in self.links.cut(places) {
                 if let Event::Peer {
                     link_event: LinkEvent::Frame(Frame::Message { tag, .. }),
                     ..
@@ -371,7 +380,7 @@ impl State {
                 }
             }
             let lost = Event::Peer { from, to, link_event: LinkEvent::Lost };
-            self.links.insert(places, VecDeque::from([lost]));
+            self.links.replace(places, lost);
             self.broken.insert(places);
         }
     }
@@ -382,37 +391,18 @@ impl State {
         if node.me != to || node.is_over() {
             return Ok(());
         }
-        let now = self.now;
-        self.seats[me].change(|seat| {
-            match input {
-                Input::FromRti(Frame::TagAdvanceGrant { tag }) => seat.grant(Step::end(tag)),
-                Input::FromRti(
-                    Frame::ProvisionalTagAdvanceGrant { through } | Frame::Safe { through },
-                ) => seat.grant(through),
-                Input::FromRti(Frame::StopGranted { tag }) => {
-                    seat.granted = seat.granted.min(Step::end(tag.pred()));
-                }
-                _ => {}
-            }
-            seat.node.input(now, input)
-        })?;
-        self.carry_out(me);
-        Ok(())
+        self.go(me, Move::Handle(input)).map(|_| ())
     }
 
     fn rti_input(&mut self, input: RtiInput) -> Result<(), Fault> {
-        let now = self.now;
-        let mut outputs = Vec::new();
-        self.rti.change(|rti| {
-            let handled = rti.handle(now, input);
-            outputs.extend(std::iter::from_fn(|| rti.poll()));
-            handled
-        })?;
-        for output in outputs {
-            match output {
-                RtiOutput::Send { link, frame } => {
+        let moved = self.moves.of_rti(&self.rti, self.now, input);
+        self.rti = moved.machine.clone();
+        moved.result.clone()?;
+        for output in &moved.outputs {
+            match *output {
+                RtiOutput::Send { link, ref frame } => {
                     let to = Instance::of_link(link);
-                    let event = Event::Federate(to, Input::FromRti(frame));
+                    let event = Event::Federate(to, Input::FromRti(frame.clone()));
                     if self.seats[to.federate].get().node.link() == link {
                         self.send(Place::Rti, Place::Federate(to), event);
                     }
@@ -436,21 +426,26 @@ impl State {
         let closed = Event::Rti(RtiInput::Closed { link });
         if self.seats[federate.federate].get().node.link() != link {
             // The federate has given it up.
-            self.links.insert((rti, rti), VecDeque::from([closed]));
+            self.links.replace((rti, rti), closed);
             return;
         }
         self.send(rti, place, Event::Federate(federate, Input::RtiLost));
         self.broken.extend([(rti, place), (place, rti)]);
-        self.links.insert((place, rti), VecDeque::from([closed]));
+        self.links.replace((place, rti), closed);
     }
 
     /// Carries out the outputs of a federate. If the machine is over, its process ends.
     fn carry_out(&mut self, me: FederateId) {
-        if !self.seats[me].get().node.outputs.is_empty() {
-            let outputs = self.seats[me].change(|seat| std::mem::take(&mut seat.node.outputs));
-            for output in outputs {
-                self.carry_out_one(me, output);
-            }
+        let outputs = match self.seats[me].get().node.outputs.is_empty() {
+            true => Vec::new(),
+            false => self.seats[me].change(|seat| std::mem::take(&mut seat.node.outputs).into()),
+        };
+        self.carry_out_all(me, &outputs);
+    }
+
+    fn carry_out_all(&mut self, me: FederateId, outputs: &[Output]) {
+        for output in outputs {
+            self.carry_out_one(me, output.clone());
         }
         if self.seats[me].get().node.is_over() {
             self.leave(me);
@@ -476,7 +471,7 @@ impl State {
             Output::Rejoin => {
                 let (rti, node) = (Place::Rti, place);
                 self.broken.retain(|ends| ![(rti, node), (node, rti)].contains(ends));
-                self.links.remove(&(rti, node));
+                self.links.cut((rti, node));
                 self.seats[me].change(|seat| seat.node.reconnect());
                 self.send(node, node, Event::Federate(instance, Input::Rejoins));
             }
@@ -520,14 +515,14 @@ impl State {
     fn leave(&mut self, me: FederateId) {
         let (instance, place) = (self.instance(me), self.place(me));
         // A process that has opened a link that was not accepted yet learns that there will be none.
-        let waiting = self.links.iter().filter(|((_, to), _)| *to == place);
+        let waiting = self.links.all().filter(|((_, to), _)| *to == place);
         let opened = waiting.flat_map(|(_, events)| events).filter_map(|event| match event {
             Event::Connect { from, .. } => Some(*from),
             _ => None,
         });
         let peers =
             opened.chain(self.seats[me].get().node.direct_links.all()).collect::<BTreeSet<_>>();
-        self.links.retain(|(_, to), _| *to != place);
+        self.links.cut_all_to(place);
         let closed = RtiInput::Closed { link: self.link(me) };
         self.send(place, Place::Rti, Event::Rti(closed));
         for peer in peers {
@@ -544,22 +539,7 @@ impl State {
             Place::Rti | Place::Board(_) => false,
         };
         if !self.broken.contains(&(from, to)) && !gone {
-            self.links.entry((from, to)).or_default().push_back(event);
+            self.links.push((from, to), event);
         }
-    }
-
-    fn pop(&mut self, from: Place, to: Place) -> Option<Event> {
-        let link = self.links.get_mut(&(from, to))?;
-        let event = link.pop_front();
-        if link.is_empty() {
-            self.links.remove(&(from, to));
-        }
-        event
-    }
-}
-
-impl Seat {
-    fn grant(&mut self, through: Step) {
-        self.granted = self.granted.max(through);
     }
 }

@@ -1,8 +1,6 @@
 //! From text to the instance graph: names, channel orders, parameters, levels.
 
-mod common;
-
-use common::{compile_files, compile_text, connections};
+use crate::common::{compile_files, compile_text, connections};
 use hprm_core::{Delay, Direction, Effect, Origin, Policy, PortId, ReactionId, Spacing, Trigger};
 use hprm_model::Compiled;
 

@@ -1,8 +1,6 @@
 //! What people read when reactors are wrong: names, references, parameters.
 
-mod common;
-
-use common::errors;
+use crate::common::errors;
 use insta::assert_snapshot;
 
 #[test]

@@ -1,8 +1,6 @@
 //! What Python gets: bodies with their lines, values, preambles in order, arguments of reactions.
 
-mod common;
-
-use common::{compile_files, compile_text};
+use crate::common::{compile_files, compile_text};
 use hprm_core::{PortId, ReactionId};
 use hprm_model::{Access, Argument, Class, Code, Compiled, ContainedPort, Ports, Value};
 

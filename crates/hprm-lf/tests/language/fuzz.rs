@@ -1,10 +1,6 @@
 //! Whatever the text is, the front end answers: with a program or with at least one error.
 
-#[path = "common/answers.rs"]
-mod answers;
-mod common;
-
-use common::compile_files;
+use crate::common::compile_files;
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -63,7 +59,7 @@ const PIECES: [&str; 48] = [
 ];
 
 fn answers(text: &str) {
-    answers::answers(text.as_bytes());
+    crate::answers::answers(text.as_bytes());
 }
 
 /// Replaces `length` characters at `at`, both in thousandths of the text, by `piece`.

@@ -1,8 +1,6 @@
 //! What a reactor inherits, in which order, and what people read when that cannot be.
 
-mod common;
-
-use common::{compile_files, compile_text, errors, errors_in};
+use crate::common::{compile_files, compile_text, errors, errors_in};
 use insta::assert_snapshot;
 
 /// The reactions of the class `name`, by their text.

@@ -1,10 +1,8 @@
 //! Reactors that are executables: what they declare becomes part of the program, and is checked with it.
 
-mod common;
-
 use std::collections::BTreeMap;
 
-use common::connections;
+use crate::common::connections;
 use hprm_core::{Effect, PortId, Trigger};
 use hprm_declared::Described;
 use hprm_lf::{SourceLoader, compile, compile_declared, compile_with};

@@ -1,8 +1,6 @@
 //! What people read when instances do not fit together: widths, times, connections, loops.
 
-mod common;
-
-use common::{errors, errors_in, warnings};
+use crate::common::{errors, errors_in, warnings};
 use hprm_core::{ClockSyncMode, ClockSyncOptions, StoreOptions, WhenFull};
 use insta::assert_snapshot;
 

@@ -1,9 +1,7 @@
 //! What people read when a file cannot be understood: its text, its imports, its target, and what
 //! is not supported.
 
-mod common;
-
-use common::{errors, errors_in};
+use crate::common::{errors, errors_in};
 use insta::assert_snapshot;
 
 #[test]

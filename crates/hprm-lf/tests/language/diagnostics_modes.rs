@@ -1,8 +1,6 @@
 //! What is wrong with modes, and how it is said.
 
-mod common;
-
-use common::errors;
+use crate::common::errors;
 use insta::assert_snapshot;
 
 #[test]

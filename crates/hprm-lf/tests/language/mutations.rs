@@ -4,9 +4,6 @@
 
 #![allow(clippy::disallowed_methods, reason = "the programs of the repository are read from disk")]
 
-#[path = "common/answers.rs"]
-mod answers;
-
 use std::ops::Range;
 use std::path::Path;
 
@@ -104,7 +101,7 @@ fn programs_with_changes_are_answered() {
     let mut numbers = Numbers(0x9E37_79B9_7F4A_7C15);
     for program in &corpus {
         for _ in 0..ROUNDS {
-            answers::answers(&mutated(&mut numbers, &corpus, program));
+            crate::answers::answers(&mutated(&mut numbers, &corpus, program));
         }
     }
 }

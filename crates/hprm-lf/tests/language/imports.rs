@@ -1,8 +1,6 @@
 //! Which file an import means: by path, and in packages.
 
-mod common;
-
-use common::errors_in;
+use crate::common::errors_in;
 use hprm_lf::{SourceLoader, compile};
 use hprm_model::{CompileFailure, Compiled};
 use insta::assert_snapshot;
@@ -164,7 +162,8 @@ reactor Pair { l = new Half()  r = new Half() }",
         ),
         ("Gain.lf", "target Python preamble {= once =} reactor Gain { }"),
     ];
-    let compiled = common::compile_files(&files).unwrap_or_else(|failure| panic!("{failure}"));
+    let compiled =
+        crate::common::compile_files(&files).unwrap_or_else(|failure| panic!("{failure}"));
     let names: Vec<_> = compiled.classes.iter().map(|class| class.name.as_str()).collect();
     assert_eq!(names, ["Main", "Gain", "Pair"]);
     assert_eq!((compiled.program.reactors.len(), compiled.preambles.len()), (5, 1));
@@ -187,7 +186,8 @@ import A from \"Main.lf\"
 reactor B { a = new A() }",
         ),
     ];
-    let compiled = common::compile_files(&files).unwrap_or_else(|failure| panic!("{failure}"));
+    let compiled =
+        crate::common::compile_files(&files).unwrap_or_else(|failure| panic!("{failure}"));
     assert_eq!(compiled.program.reactors.len(), 3);
 }
 

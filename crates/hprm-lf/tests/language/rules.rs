@@ -4,9 +4,7 @@
 //! a warning where it should be an error, and that a program beside it, which obeys, has nothing to
 //! be said about it.
 
-mod common;
-
-use common::compile_files;
+use crate::common::compile_files;
 use hprm_model::{Diagnostic, Severity};
 
 const ERRORS: &[(&str, &str)] = &[
