@@ -14,6 +14,9 @@ from pathlib import Path
 import pytest
 from processes import Bench, names_in_shared_memory, stores, until
 
+# Most processes of the tests import NumPy, and none needs the threads that its BLAS would start.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 
 @dataclass(frozen=True)
 class Outcome:

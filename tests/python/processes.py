@@ -246,11 +246,15 @@ def hear_number(stream: IO[str] | None) -> int:
 
 
 def until(condition: Callable[[], bool], what: str) -> None:
-    """Wait until a condition holds, and fail if it never does."""
-    deadline = time.monotonic() + DEADLINE_S
+    """Wait until a condition holds, and fail if it never does.
+
+    Some conditions read much of ``/proc``: the longer one waits, the less often it looks.
+    """
+    begun = time.monotonic()
     while not condition():
-        assert time.monotonic() < deadline, f"waited in vain until {what}"
-        time.sleep(0.005)
+        waited = time.monotonic() - begun
+        assert waited < DEADLINE_S, f"waited in vain until {what}"
+        time.sleep(min(0.003 + waited / 10, 0.05))
 
 
 def processes() -> list[int]:

@@ -1,7 +1,7 @@
 """``hprm explain``: its examples that need the command, and the handbook's pages of its texts.
 
-``crates/hprm-lf/tests/language/explanations.rs`` runs the examples for which the check alone is enough. With
-``HPRM_WRITE_SNAPSHOTS=1`` the table of the handbook is written anew.
+``crates/hprm-lf/tests/language/explanations.rs`` runs the examples for which the check alone is
+enough. With ``HPRM_WRITE_SNAPSHOTS=1`` the table of the handbook is written anew.
 """
 
 from __future__ import annotations

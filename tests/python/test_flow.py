@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -77,23 +78,24 @@ def program(coordination: str, arrow: str, busy: bool) -> str:
 
 
 class Rest:
-    """Whether a process is at rest: it waits, and has used no processor for some looks at it."""
+    """Whether a process is at rest: it waits, and has used no processor for a while."""
 
-    LOOKS = 40
+    WHILE_S = 0.2
 
     def __init__(self, pid: int) -> None:
         """Nothing has been looked at."""
         self._stat = Path(f"/proc/{pid}/stat")
         self._used: tuple[str, ...] = ()
-        self._looks = 0
+        self._since = 0.0
 
     def __call__(self) -> bool:
         """Look once."""
         fields = self._stat.read_text().rsplit(")", 1)[1].split()
         state, used = fields[0], tuple(fields[11:13])
-        self._looks = self._looks + 1 if state == "S" and used == self._used else 0
-        self._used = used
-        return self._looks >= self.LOOKS
+        now = time.monotonic()
+        if state != "S" or used != self._used:
+            self._used, self._since = used, now
+        return now >= self._since + self.WHILE_S
 
 
 def peak(pid: int) -> int:
