@@ -15,7 +15,7 @@ export PYO3_PYTHON := $(shell $(PY) -c 'import os, sys; print(os.path.realpath(s
 unexport PYTHONDONTWRITEBYTECODE
 
 # How many tests in Python run at a time: they wait more than they compute.
-WORKERS ?= 3
+WORKERS ?= 4
 
 PYTHON_CODE := python tests bench examples docs packaging
 # Programs that the strictest checks of types must accept, as those of users who run them.
@@ -94,7 +94,7 @@ acceptance: build $(VENV)/.requirements ## the long form of some tests: pauses, 
 
 FIRST ?= 0
 sim-nightly: toolchain ## a million random federations in a simulated network; FIRST= names the first seed
-	cargo run --quiet --release -p hprm-cli -- sim --seed $(FIRST) --seeds 1000000
+	cargo run --quiet --release -p hprm-cli --features sim -- sim --seed $(FIRST) --seeds 1000000
 
 conformance: build $(VENV)/.requirements ## run Lingua Franca's own tests; LF= names a checkout of its repository
 	@test -n "$(LF)" || { echo "error: which checkout? make conformance LF=path" >&2; exit 1; }
@@ -253,7 +253,7 @@ $(VENV)/.built: $(BUILT_FROM) | toolchain
 	@rm -f $(VENV)/.checked
 	@touch $@
 
-# The same with `hprm diagram` and the screen of `hprm top`, whose crates take more than a minute to compile: what the
+# The same with `hprm diagram`, `hprm sim` and the screen of `hprm top`, whose crates take minutes to compile: what the
 # demo shows needs neither. Where they have been built once, all builds have them.
 $(VENV)/.whole: $(BUILT_FROM) | toolchain
 	HPRM_WHOLE=1 $(BUILD)

@@ -4,7 +4,7 @@ maturin compiles one crate. So it is given a program in the place of cargo, `car
 the command in the same run of cargo, for the same target, and puts it where maturin finds scripts.
 What a wheel is, is maturin's subject.
 
-Wheels have `hprm diagram` and the screen of `hprm top`, whose crates take more than a minute to
+Wheels have `hprm diagram`, `hprm sim` and the screen of `hprm top`, whose crates take minutes to
 compile; a build of a checkout has them if the environment variable HPRM_WHOLE is 1.
 """
 

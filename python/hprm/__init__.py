@@ -39,8 +39,7 @@ What bodies of ``.lf`` files know without an import is here as well, for modules
 """
 
 # ruff: noqa: E402, I001
-import importlib
-from typing import TYPE_CHECKING, Any
+from __future__ import annotations
 
 from hprm import _startup
 
@@ -74,7 +73,11 @@ from hprm._time import (
     interval_t as interval_t,
 )
 
+# Each start would wait for `typing`, which takes as long as the rest of this.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from hprm._connect import connect
     from hprm._coroutines import background
     from hprm._duration import Time
@@ -108,6 +111,8 @@ def __getattr__(name: str) -> Any:
     module = _LOADED_ON_DEMAND.get(name)
     if module is None:
         raise AttributeError(f"module 'hprm' has no attribute {name!r}")
+    import importlib
+
     value = globals()[name] = getattr(importlib.import_module(module), name)
     return value
 

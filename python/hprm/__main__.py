@@ -3,15 +3,20 @@
 The command ``hprm`` starts these; it does more for a person.
 """
 
+from __future__ import annotations
+
 import argparse
 import os
 import signal
 import sys
-from typing import Any, NoReturn
 
 from hprm import _debugging, _hprm, _mistakes, _startup, _threads
 from hprm._ending import AFTER_FAILURE, leave
 from hprm._lf import FEDERATION_ID
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any, NoReturn
 
 
 def main() -> NoReturn:

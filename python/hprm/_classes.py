@@ -1,9 +1,14 @@
 """The classes that bodies of reactions know besides ports and actions."""
 
+from __future__ import annotations
+
 from types import ModuleType
-from typing import Any, ClassVar
 
 from hprm._source import ClassSource
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any, ClassVar
 
 
 class Make:

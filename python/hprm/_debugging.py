@@ -1,9 +1,14 @@
 """Debuggers: ``breakpoint()`` in a federate that has no terminal says how to give it one."""
 
+from __future__ import annotations
+
 import os
 import stat
 import sys
-from typing import Any
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
 
 
 def explain_breakpoints(federate: str) -> None:

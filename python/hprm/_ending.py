@@ -5,6 +5,8 @@ dropped, and what is still in the buffers of files is written. The interpreter i
 is, so whatever else runs in the process, such as a daemon's C code, does not delay the end.
 """
 
+from __future__ import annotations
+
 import _io
 import atexit
 import contextlib
@@ -18,9 +20,12 @@ import traceback
 import weakref
 from collections.abc import Iterator
 from types import FrameType, ModuleType
-from typing import Any, NoReturn
 
 from hprm import _errors, _hprm, _startup, _thread_failures, _threads
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any, NoReturn
 
 #: How long a federation that has failed waits for the threads of a federate, in seconds.
 AFTER_FAILURE = 2.0

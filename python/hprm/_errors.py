@@ -3,16 +3,23 @@
 How that is told is the extension module's business, which makes a failure of it.
 """
 
+from __future__ import annotations
+
 import linecache
 import os
 import select
 import threading
 import traceback
-from typing import Any, NamedTuple
 
 from hprm._findings import SYNTAX
 from hprm._mistakes import ProgramError
 from hprm._places import shown
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any, NamedTuple
+else:
+    from hprm._records import NamedTuple
 
 # Frames that do not help a reader: our own, those of a failed import, and how a thread starts.
 _OWN = (os.path.dirname(__file__) + os.sep, "<frozen importlib.", threading.__file__)

@@ -1,10 +1,17 @@
 """What can be wrong with the Python of a program, as data: a code, a place, a message, a hint."""
 
-import ast
+from __future__ import annotations
+
 import linecache
-from typing import Any, NamedTuple
 
 from hprm._source import Code
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    import ast
+    from typing import Any, NamedTuple
+else:
+    from hprm._records import NamedTuple
 
 #: Python cannot compile it.
 SYNTAX = "LF1001"
@@ -62,6 +69,8 @@ def of_syntax_error(error: SyntaxError, code: Code) -> Finding:
 
 def first(tree: ast.AST, name: str) -> ast.Name | None:
     """Find where a name is used first."""
+    import ast
+
     nodes = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == name]
     return min(nodes, key=lambda node: (node.lineno, node.col_offset), default=None)
 

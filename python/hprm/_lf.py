@@ -1,13 +1,18 @@
 """The module ``lf`` of a program: time, tags and requests to its runtime."""
 
+from __future__ import annotations
+
 import itertools
 import os
 from types import ModuleType
-from typing import NoReturn
 
 from hprm import _hprm, _threads
 from hprm._hprm import Api, Tag, action_capsule_t, port_capsule
 from hprm._source import ProgramSource
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import NoReturn
 
 #: The environment variable with the secret of a federate's federation.
 FEDERATION_ID = "HPRM_FEDERATION_ID"

@@ -6,12 +6,12 @@ Without a store, as in a program that is not federated, they are NumPy's functio
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
 from hprm import _hprm
 
+TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from typing import Any
 
     import numpy as np
     import numpy.typing as npt

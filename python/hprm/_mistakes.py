@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any
 
 from hprm import _hprm
 from hprm._findings import DECLARED
 from hprm._places import Place
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
 
 
 def one(name: str) -> str:

@@ -1,12 +1,19 @@
 """Where the user's own code declares something: a file, a line, and columns if they are known."""
 
+from __future__ import annotations
+
 import linecache
 import os
 import sys
 from collections.abc import Iterable
 from itertools import islice
 from types import FrameType, FunctionType
-from typing import Any, NamedTuple
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any, NamedTuple
+else:
+    from hprm._records import NamedTuple
 
 _OWN = os.path.dirname(__file__) + os.sep
 

@@ -1,6 +1,12 @@
 """A program as the front end describes it, before any of its Python has run."""
 
-from typing import Any, NamedTuple
+from __future__ import annotations
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any, NamedTuple
+else:
+    from hprm._records import NamedTuple
 
 
 class Code(NamedTuple):

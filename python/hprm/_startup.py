@@ -4,12 +4,17 @@ The command ``hprm`` blocks the signal when it starts an interpreter, so that no
 The garbage collector has nothing to do until the program's own code runs, and rests.
 """
 
+from __future__ import annotations
+
 import gc
 import os
 import signal
 import sys
 from types import FrameType, TracebackType
-from typing import Any
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
 
 #: The modules that the command runs.
 _MODULES = {"hprm", "hprm.ros", "hprm.ros._bags"}

@@ -4,13 +4,18 @@ All find a module of which each has its own version, such as ``__main__``, under
 print is shown line by line behind their names.
 """
 
+from __future__ import annotations
+
 import sys
 import threading
 from collections.abc import Callable
 from types import ModuleType
-from typing import Any
 
 from hprm import _hprm
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
 
 # The longest line that is kept together, in characters.
 _LONGEST = 1 << 20

@@ -1,9 +1,13 @@
 """Units of time: what turns a number of them into nanoseconds."""
 
-from collections.abc import Callable
-from typing import TypeVar
+from __future__ import annotations
 
-Number = TypeVar("Number", int, float)
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import TypeVar
+
+    Number = TypeVar("Number", int, float)
 
 instant_t = int
 interval_t = int

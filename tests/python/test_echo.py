@@ -110,7 +110,7 @@ import numpy as np
 reactor Camera {
   output image
   state n = 0
-  timer t(0, 20 ms)
+  timer t(0, 50 ms)
   reaction(t) -> image {=
     self.n += 1
     image.set(np.full(10_000, self.n, dtype=np.int64))

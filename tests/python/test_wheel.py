@@ -19,6 +19,7 @@ from processes import call
 ROOT = Path(__file__).resolve().parents[2]
 # What takes longer to import than all of the package, and what programs of `.lf` files do without.
 HEAVY = {
+    "ast",
     "asyncio",
     "concurrent.futures",
     "ctypes",
@@ -30,9 +31,11 @@ HEAVY = {
     "multiprocessing",
     "numpy",
     "pathlib",
+    "re",
     "socket",
     "subprocess",
     "tempfile",
+    "typing",
     "unittest",
 }
 

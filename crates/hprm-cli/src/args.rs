@@ -566,6 +566,7 @@ Examples:
   hprm sim --seed 1 --seeds 100000     this seed and those after it; of a wrong one, everything
 
 The exit code is 1 if a federation does not do what its program does.")]
+#[cfg_attr(not(feature = "sim"), allow(dead_code))]
 pub(crate) struct Sim {
     /// The first seed.
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "0")]

@@ -27,11 +27,13 @@ pub(crate) struct Batch {
 
 impl Position {
     /// The word of a set that has the bit of this position.
+    #[inline]
     pub(crate) const fn word(self) -> u32 {
         self.0 / u64::BITS
     }
 
     /// Its bit in that word.
+    #[inline]
     pub(crate) const fn bit(self) -> u64 {
         1 << (self.0 % u64::BITS)
     }
@@ -107,16 +109,19 @@ impl Order {
     }
 
     /// The reaction at a position.
+    #[inline]
     pub(crate) fn reaction(&self, position: Position) -> ReactionId {
         self.reactions[position.0 as usize]
     }
 
     /// The position after the last one of the same rank.
+    #[inline]
     pub(crate) fn end_of_rank(&self, position: Position) -> Position {
         Position(self.ranks[position.0 as usize].end)
     }
 
     /// The position of a reaction of this scope.
+    #[inline]
     pub(crate) fn position(&self, reaction: ReactionId) -> Position {
         self.positions[reaction]
     }

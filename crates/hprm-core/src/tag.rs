@@ -39,6 +39,7 @@ impl Tag {
 
     /// The next tag: one microstep later. `NEVER` and `FOREVER` stay what they are.
     #[must_use]
+    #[inline]
     pub fn succ(self) -> Self {
         if self == Self::NEVER || self == Self::FOREVER {
             return self;
@@ -51,6 +52,7 @@ impl Tag {
 
     /// The latest tag before this one. `NEVER` and `FOREVER` stay what they are.
     #[must_use]
+    #[inline]
     pub fn pred(self) -> Self {
         if self == Self::NEVER || self == Self::FOREVER {
             return self;
@@ -63,6 +65,7 @@ impl Tag {
 
     /// The physical time at which this tag is due in a program that started at `start`.
     #[must_use]
+    #[inline]
     pub fn due(self, start: PhysicalTime) -> PhysicalTime {
         start.plus(self.time)
     }
@@ -131,6 +134,7 @@ impl Delay {
     /// assert_eq!(Delay::Time(10).shift(Tag::new(5, 2)), Tag::new(15, 0));
     /// ```
     #[must_use]
+    #[inline]
     pub fn shift(self, tag: Tag) -> Tag {
         if tag == Tag::NEVER || tag == Tag::FOREVER {
             return tag;
@@ -155,6 +159,7 @@ impl Delay {
     /// assert_eq!(Delay::Time(10).horizon(Tag::new(5, 2)), Tag::new(14, u32::MAX));
     /// ```
     #[must_use]
+    #[inline]
     pub fn horizon(self, tag: Tag) -> Tag {
         if tag == Tag::NEVER || tag == Tag::FOREVER {
             return tag;
@@ -192,12 +197,14 @@ impl PhysicalTime {
 
     /// This time, `nanos` later; saturates.
     #[must_use]
+    #[inline]
     pub const fn plus(self, nanos: Nanos) -> Self {
         Self(self.0.saturating_add(nanos))
     }
 
     /// The time from `earlier` to this one; saturates.
     #[must_use]
+    #[inline]
     pub const fn since(self, earlier: Self) -> Nanos {
         self.0.saturating_sub(earlier.0)
     }

@@ -114,6 +114,7 @@ impl Wiring {
     }
 
     /// The port that holds a port's value.
+    #[inline]
     pub(crate) fn root(&self, port: PortId) -> PortId {
         self.routes[port].root
     }

@@ -46,11 +46,13 @@ impl Ready {
         Self { words: vec![0; words], summary: vec![0; summary], first: 0 }
     }
 
+    #[inline]
     pub(super) fn is_empty(&self) -> bool {
         self.first_word().is_none()
     }
 
     /// Adds a reaction, unless it is in the set already.
+    #[inline]
     pub(super) fn push(&mut self, position: Position) {
         self.add(Batch { word: position.word(), bits: position.bit() });
     }
@@ -69,12 +71,14 @@ impl Ready {
     }
 
     /// The reaction that comes first.
+    #[inline]
     pub(super) fn first(&self) -> Option<Position> {
         let word = self.first_word()?;
         Some(Position(word * BITS + self.words[word as usize].trailing_zeros()))
     }
 
     /// Takes the reaction that comes first, if it comes before `end`.
+    #[inline]
     pub(super) fn pop_before(&mut self, end: Position) -> Option<Position> {
         self.first().filter(|first| *first < end)?;
         self.pop()
@@ -96,6 +100,7 @@ impl Ready {
     }
 
     /// The first word that is not zero.
+    #[inline]
     fn first_word(&self) -> Option<u32> {
         let (index, summary) = (0..).zip(&self.summary).find(|(_, summary)| **summary != 0)?;
         Some(index * BITS + summary.trailing_zeros())
