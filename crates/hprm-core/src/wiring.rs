@@ -70,7 +70,8 @@ pub(crate) struct PortRoute {
     pub(crate) is_sent: bool,
 }
 
-/// It follows from a program, which never changes: states of schedulers are told apart without it.
+/// It follows from a program, which never changes, and from the federates that have left, which a scheduler has in
+/// `Departures`: states are told apart without it.
 impl Hash for Wiring {
     fn hash<H: Hasher>(&self, _: &mut H) {}
 }
