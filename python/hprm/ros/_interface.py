@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import inspect
 from typing import Any
 
 from hprm.ros import _messages
@@ -36,14 +35,6 @@ def check_callback(callback: Any) -> None:
     """Raise a TypeError if what is to be called cannot be."""
     if not callable(callback):
         raise TypeError(f"a callback has to be callable, and {callback!r} is not")
-
-
-def is_coroutine(callback: Any) -> bool:
-    """Return what ``inspect.iscoroutinefunction`` does, which asks for more than most need."""
-    code = getattr(callback, "__code__", None)
-    if code is None or hasattr(callback, "_is_coroutine_mark"):
-        return inspect.iscoroutinefunction(callback)
-    return bool(code.co_flags & inspect.CO_COROUTINE)
 
 
 def copy_of(message: Any) -> Any:

@@ -261,11 +261,6 @@ class Runtime:
             self.request(lambda: self._set(delay_ns, alarm))
         return alarm
 
-    def call_again(self, alarm: Alarm, delay_ns: int) -> None:
-        """Have the reaction that calls the action of an alarm call it again so much later."""
-        alarm.is_on = True
-        self._set(delay_ns, alarm)
-
     def block(
         self, condition: Callable[[], bool], timeout_ns: int | None = None, *, sleeps: bool = False
     ) -> bool:
@@ -280,8 +275,7 @@ class Runtime:
         self, condition: Callable[[], bool], timeout_ns: int | None = None, *, sleeps: bool = False
     ) -> None:
         """Do the same for a caller that finds out itself why it goes on."""
-        if self._loop is None:
-            self.start()
+        self.start()
         if timeout_ns is None:
             self._block(condition, sleeps)
             return
@@ -407,8 +401,7 @@ class Runtime:
         self._leaves = True
 
     def _holds(self) -> bool:
-        ident = threading.get_ident()
-        return ident == self._loop_ident or self.turns.holds_for(ident)
+        return threading.get_ident() == self._loop_ident or self.turns.holds()
 
     def _poke(self) -> None:
         """Have a reaction run soon."""
@@ -633,12 +626,11 @@ class Runtime:
         """Set the ports for what was published."""
         membership, process = self._membership, self._process
         assert membership is not None and process is not None
-        if self._outgoing:
-            for flow, messages in self._outgoing.items():
-                name = membership.outputs.get(flow)
-                if name is not None:
-                    getattr(process, name).set(self._with_first(flow, messages))
-            self._outgoing.clear()
+        for flow, messages in self._outgoing.items():
+            name = membership.outputs.get(flow)
+            if name is not None:
+                getattr(process, name).set(self._with_first(flow, messages))
+        self._outgoing.clear()
         if self._news:
             news, self._news = self._news, []
             process.to_hub.set(self._with_first(None, news))  # type: ignore[attr-defined]

@@ -69,10 +69,6 @@ class Turns:
         """Return whether this thread holds the tag of a reaction that waits for it."""
         return threading.get_ident() in self._holders
 
-    def holds_for(self, ident: int) -> bool:
-        """Return whether a thread holds it."""
-        return ident in self._holders
-
     def is_free(self) -> bool:
         """Return whether no other thread holds the tag."""
         return self._holders <= {threading.get_ident()}

@@ -10,11 +10,11 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from inspect import iscoroutinefunction
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from hprm.ros import _process
-from hprm.ros._interface import is_coroutine
 from hprm.ros.task import Future, Task
 
 if TYPE_CHECKING:
@@ -240,7 +240,7 @@ class Executor:
         group = entity.callback_group
         group.beginning_execution(entity)
         callback = entity.take()
-        if is_coroutine(callback):
+        if iscoroutinefunction(callback):
             self._run(Task(callback, executor=self), entity)
             return
         try:

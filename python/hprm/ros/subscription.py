@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from hprm.ros._entity import Entity, Queue
 from hprm.ros._graph import Flow
-from hprm.ros._interface import check_callback, copy_of, is_coroutine
+from hprm.ros._interface import check_callback, copy_of
 from hprm.ros.callback_groups import CallbackGroup
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ class Subscription(Entity):
 
 
 def _call(callback: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
-    if is_coroutine(callback):
+    if inspect.iscoroutinefunction(callback):
 
         async def awaits() -> Any:
             return await callback(*arguments)

@@ -124,10 +124,9 @@ class Timer(Entity):
 
     def _elapsed(self) -> None:
         self._is_due = True
-        if self._period and self._alarm is not None:
+        if self._period:
             # At a tag: no error adds up.
-            self._due = self.clock._now() + self._period
-            self._runtime.call_again(self._alarm, self._period)
+            self._begin()
 
     def _due_again(self) -> None:
         """Be due again, as a timer without a period is after each call."""
