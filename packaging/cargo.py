@@ -16,6 +16,7 @@ from pathlib import Path
 CRATES = ("hprm-python", "hprm-cli")
 COMMAND = "hprm"
 WHOLE = ("--features", "hprm-cli/whole")
+BARE = ("--no-default-features",)
 
 
 def main(words: list[str]) -> int:
@@ -47,8 +48,7 @@ def for_both(words: list[str]) -> list[str]:
     if dashes and (flags := list(last)):
         # They are for one crate.
         sys.exit(f"error: cargo build takes no flags of rustc: {' '.join(flags)}")
-    if os.environ.get("HPRM_WHOLE") == "1":
-        options += WHOLE
+    options += WHOLE if os.environ.get("HPRM_WHOLE") == "1" else BARE
     return options + [word for crate in CRATES for word in ("--package", crate)]
 
 

@@ -26,6 +26,8 @@ use hprm::{FederationId, HangTimeout};
 use hprm_core::{WhenFull, read_size};
 use hprm_lf::PARAMETER;
 
+#[cfg(feature = "completions")]
+pub(crate) use self::texts::Shell;
 pub(crate) use self::texts::{Completions, Explain, Man};
 pub(crate) use crate::args::bag::{Bag, BagCommand, Play, Record, Storage};
 pub(crate) use crate::args::comparing::{Diff, Verify};

@@ -120,7 +120,7 @@ fn command() -> ExitCode {
         Command::Starter(wanted) => remote::starter(&wanted),
         Command::Sim(sim) => sim::sim(&sim),
         Command::Doctor(doctor) => doctor::doctor(&doctor),
-        Command::Completions(wanted) => Ok(generate::completions(&wanted)),
+        Command::Completions(wanted) => generate::completions(&wanted),
         Command::Man(wanted) => generate::man(&wanted),
     };
     match outcome {

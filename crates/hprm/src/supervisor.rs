@@ -44,7 +44,7 @@ pub(crate) const AFTER_INTERRUPT: Duration = Duration::from_secs(5);
 /// that does not return.
 const REMINDER: Duration = Duration::from_secs(2);
 /// How long a process may take to obey SIGTERM, and the system to obey SIGKILL.
-const AFTER_SIGNAL: Duration = Duration::from_secs(1);
+pub(crate) const AFTER_SIGNAL: Duration = Duration::from_secs(1);
 
 /// Whether federates are processes or threads.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

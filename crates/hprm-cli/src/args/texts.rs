@@ -2,8 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
-use clap_complete::Shell;
+use clap::{Args, ValueEnum};
 
 /// Say what a code of a diagnostic means: why it is a mistake, an example, and its cure.
 ///
@@ -25,6 +24,16 @@ pub(crate) struct Explain {
     /// Print Markdown, as in the handbook.
     #[arg(long, conflicts_with = "json")]
     pub(crate) markdown: bool,
+}
+
+/// A shell that completes words.
+#[derive(ValueEnum, Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Shell {
+    Bash,
+    Elvish,
+    Fish,
+    Powershell,
+    Zsh,
 }
 
 /// Print what a shell needs to complete the words of this command.

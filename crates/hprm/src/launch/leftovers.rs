@@ -10,8 +10,10 @@ use std::time::{Duration, Instant};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process_group, pidfd_open};
 
-/// How long they may take, all together.
-const PATIENCE: Duration = Duration::from_millis(500);
+use crate::supervisor::AFTER_SIGNAL;
+
+/// How long they may take, all together: as long as any process may take to obey SIGTERM.
+const PATIENCE: Duration = AFTER_SIGNAL;
 
 /// Ends all that is left in the group that `leader` leads, which has ended, and reaps that.
 pub(super) fn end(mut leader: Child) {

@@ -5,6 +5,7 @@ mod boards;
 mod common;
 mod direct_links;
 mod federation;
+#[cfg(feature = "tls")]
 mod tls;
 mod unauthenticated;
 mod value_exchange;
