@@ -94,7 +94,7 @@ acceptance: build $(VENV)/.requirements ## the long form of some tests: pauses, 
 
 FIRST ?= 0
 sim-nightly: toolchain ## a million random federations in a simulated network; FIRST= names the first seed
-	cargo run --quiet --release -p hprm-cli --features sim -- sim --seed $(FIRST) --seeds 1000000
+	CARGO_PROFILE_RELEASE_LTO=thin cargo run --quiet --release -p hprm-cli --features sim -- sim --seed $(FIRST) --seeds 1000000
 
 conformance: build $(VENV)/.requirements ## run Lingua Franca's own tests; LF= names a checkout of its repository
 	@test -n "$(LF)" || { echo "error: which checkout? make conformance LF=path" >&2; exit 1; }
@@ -253,8 +253,9 @@ $(VENV)/.built: $(BUILT_FROM) | toolchain
 	@rm -f $(VENV)/.checked
 	@touch $@
 
-# The same with `hprm diagram`, `hprm sim` and the screen of `hprm top`, whose crates take minutes to compile: what the
-# demo shows needs neither. Where they have been built once, all builds have them.
+# The same with all features of the command: diagrams, the screen of `hprm top`, simulation, TLS, completions and manual
+# pages. Their crates take minutes to compile, and the demo needs none of them. Where they have been built once, all
+# builds have them.
 $(VENV)/.whole: $(BUILT_FROM) | toolchain
 	HPRM_WHOLE=1 $(BUILD)
 	@rm -f $(VENV)/.checked

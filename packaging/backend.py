@@ -4,8 +4,9 @@ maturin compiles one crate. So it is given a program in the place of cargo, `car
 the command in the same run of cargo, for the same target, and puts it where maturin finds scripts.
 What a wheel is, is maturin's subject.
 
-Wheels have `hprm diagram`, `hprm sim` and the screen of `hprm top`, whose crates take minutes to
-compile; a build of a checkout has them if the environment variable HPRM_WHOLE is 1.
+Wheels have all features of the command: diagrams, the screen of `hprm top`, simulation, TLS,
+completions and manual pages. Their crates take minutes to compile; a build of a checkout has them
+if the environment variable HPRM_WHOLE is 1.
 """
 
 from __future__ import annotations
@@ -44,8 +45,8 @@ Settings = Mapping[str, Any] | None
 
 
 def build_wheel(directory: str, settings: Settings = None, metadata: str | None = None) -> str:
-    """Build a wheel of the extension, the package and the command."""
-    with _both_crates({"HPRM_WHOLE": "1"}) as scripts:
+    """Build a wheel of the extension, the package and the command; linking optimizes, too."""
+    with _both_crates({"HPRM_WHOLE": "1", "CARGO_PROFILE_RELEASE_LTO": "thin"}) as scripts:
         wheel = maturin.build_wheel(directory, settings, metadata)
         _expect_command(scripts)
     return wheel

@@ -6,7 +6,6 @@
 //! the value, and the loop drops it.
 
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
-use std::thread::{self, ThreadId};
 
 use hprm::recorder::Tracepoints;
 use hprm::{Clock, Failure, Inbox};
@@ -21,6 +20,7 @@ use pyo3::prelude::*;
 use crate::backlog::Backlog;
 use crate::bodies::Arguments;
 use crate::fork;
+use crate::thread;
 use crate::users::{self, Access, Use, Users};
 use crate::value::Value;
 
@@ -61,7 +61,7 @@ struct Running {
     number: u64,
     /// Python's identifier of the thread that runs it.
     ident: u64,
-    thread: ThreadId,
+    thread: u64,
     scheduler: Arc<Scheduler<Value>>,
     effects: Effects<Value>,
     /// What runs if the reaction misses its deadline.
@@ -133,7 +133,7 @@ impl Runtime {
         let mut state = self.state();
         state.latest = Some((scheduler.tag(), scheduler.start_time()));
         state.first = scheduler.first_tag();
-        let (thread, scheduler) = (thread::current().id(), Arc::clone(scheduler));
+        let (thread, scheduler) = (thread::number(), Arc::clone(scheduler));
         let number = state.begun;
         state.begun += 1;
         state.running.push(Running {
@@ -527,7 +527,7 @@ impl Runtime {
 impl State {
     /// The reaction that runs on this thread.
     fn running_here(&mut self) -> Option<&mut Running> {
-        let this = thread::current().id();
+        let this = thread::number();
         self.running.iter_mut().find(|running| running.thread == this)
     }
 }

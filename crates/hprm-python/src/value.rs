@@ -24,7 +24,6 @@ use crate::serialize::{Encoded, Trust};
 pub(crate) struct Value(Arc<Shared>);
 
 struct Shared {
-    object: PyOnceLock<Py<PyAny>>,
     origin: Origin,
     /// Not read: as long as it lives, the value waits among those that threads have scheduled.
     _share: Option<Share>,
@@ -38,8 +37,8 @@ struct Shared {
 
 /// Where a value comes from.
 enum Origin {
-    /// This federate has made it.
-    Created,
+    /// This federate has made it: the object.
+    Created(Py<PyAny>),
     /// Another federate has sent it.
     Received(Arrival),
     /// Another federate of the process has sent it, and the receiver has not taken it yet.
@@ -53,6 +52,8 @@ struct Arrival {
     content: Content,
     /// How far its sender is trusted.
     trust: Trust,
+    /// The object, as soon as it has been decoded.
+    object: PyOnceLock<Py<PyAny>>,
 }
 
 enum Content {
@@ -65,17 +66,12 @@ enum Content {
 impl Value {
     /// A value of this process.
     pub(crate) fn new(object: &Bound<'_, PyAny>) -> Self {
-        let cell = PyOnceLock::new();
-        // A new cell is empty, so this cannot fail.
-        let _ = cell.set(object.py(), object.clone().unbind());
-        Self::of(cell, Origin::Created)
+        Self::of(Origin::Created(object.clone().unbind()))
     }
 
     /// A value of this process that a thread schedules.
     pub(crate) fn scheduled(object: &Bound<'_, PyAny>, share: Share) -> Self {
-        let cell = PyOnceLock::new();
-        let _ = cell.set(object.py(), object.clone().unbind());
-        Self::with(cell, Origin::Created, Some(share))
+        Self::with(Origin::Created(object.clone().unbind()), Some(share))
     }
 
     /// A value that arrived at `at`; `objects` are those of the payload, in its order.
@@ -91,7 +87,7 @@ impl Value {
             hprm_core::Part::Object(_) => objects.next().map(ReceivedPart::Object),
         });
         let content = Content::Bytes { head: payload.head, parts: parts.collect() };
-        Self::of(PyOnceLock::new(), Origin::Received(Arrival { at, codec, content, trust }))
+        Self::received(at, codec, content, trust)
     }
 
     /// The value as it is sent to another federate of this process, encoded by `codec` if it has to be.
@@ -115,7 +111,7 @@ impl Value {
                 parcel
             }
         };
-        Ok(Self::of(PyOnceLock::new(), Origin::InTransit(parcel)))
+        Ok(Self::of(Origin::InTransit(parcel)))
     }
 
     /// The value as the receiving federate has it, of what [`Self::sent_in_process`] has returned to the sender.
@@ -128,17 +124,22 @@ impl Value {
     ) -> Self {
         let Origin::InTransit(parcel) = &self.0.origin else { return self };
         let content = Content::Parcel(Arc::clone(parcel));
-        Self::of(PyOnceLock::new(), Origin::Received(Arrival { at, codec, content, trust }))
+        Self::received(at, codec, content, trust)
     }
 
-    fn of(object: PyOnceLock<Py<PyAny>>, origin: Origin) -> Self {
-        Self::with(object, origin, None)
+    fn received(at: PhysicalTime, codec: Arc<Codec>, content: Content, trust: Trust) -> Self {
+        let object = PyOnceLock::new();
+        Self::of(Origin::Received(Arrival { at, codec, content, trust, object }))
     }
 
-    fn with(object: PyOnceLock<Py<PyAny>>, origin: Origin, share: Option<Share>) -> Self {
+    fn of(origin: Origin) -> Self {
+        Self::with(origin, None)
+    }
+
+    fn with(origin: Origin, share: Option<Share>) -> Self {
         let (encodings, parcels) = (Mutex::default(), Mutex::default());
         let described = OnceLock::new();
-        Self(Arc::new(Shared { object, origin, _share: share, encodings, parcels, described }))
+        Self(Arc::new(Shared { origin, _share: share, encodings, parcels, described }))
     }
 
     /// The object, decoded if it has not been.
@@ -147,18 +148,13 @@ impl Value {
     ///
     /// If what arrived cannot be decoded.
     pub(crate) fn object<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let object = self.0.object.get_or_try_init(py, || match &self.0.origin {
-            Origin::Received(Arrival { codec, content, trust, .. }) => match content {
-                Content::Bytes { head, parts } => codec.decode(py, head, parts, *trust),
-                Content::Parcel(parcel) => parcel.open(py, codec, *trust),
-            },
-            Origin::Created => {
-                unreachable!("a value of this federate has its object from the start")
-            }
+        let object = match &self.0.origin {
+            Origin::Created(object) => object,
+            Origin::Received(arrival) => arrival.object(py)?,
             Origin::InTransit(_) => {
                 unreachable!("the receiver makes a received value of it before it is read")
             }
-        })?;
+        };
         Ok(object.bind(py).clone())
     }
 
@@ -181,7 +177,7 @@ impl Value {
 
     /// The physical time at which the value arrived, if it came from another federate.
     pub(crate) fn arrival(&self) -> Option<PhysicalTime> {
-        self.received().map(|arrival| arrival.at)
+        self.arrived_as().map(|arrival| arrival.at)
     }
 
     /// The value as `codec` writes it for a receiver with that trust. Its objects stay in `store` as long as
@@ -212,18 +208,18 @@ impl Value {
         encoded.payload.try_clone().map_err(no_memory)
     }
 
-    fn received(&self) -> Option<&Arrival> {
+    fn arrived_as(&self) -> Option<&Arrival> {
         match &self.0.origin {
             Origin::Received(arrival) => Some(arrival),
-            Origin::Created | Origin::InTransit(_) => None,
+            Origin::Created(_) | Origin::InTransit(_) => None,
         }
     }
 
     /// The parcel in which the value was received, if it can be forwarded as it is.
     fn received_parcel(&self, py: Python<'_>, codec: &Arc<Codec>) -> Option<Arc<Parcel>> {
-        let arrival = self.received()?;
+        let arrival = self.arrived_as()?;
         // Objects may have been changed since.
-        let untouched = Arc::ptr_eq(&arrival.codec, codec) && self.0.object.get(py).is_none();
+        let untouched = Arc::ptr_eq(&arrival.codec, codec) && arrival.object.get(py).is_none();
         match &arrival.content {
             Content::Parcel(parcel) if untouched => Some(Arc::clone(parcel)),
             _ => None,
@@ -238,15 +234,25 @@ impl Value {
         store: &StoreAllocator,
         trust: Trust,
     ) -> Option<Encoded> {
-        let arrival = self.received()?;
+        let arrival = self.arrived_as()?;
         // Decoded values may have been changed since.
-        let untouched = Arc::ptr_eq(&arrival.codec, codec) && self.0.object.get(py).is_none();
+        let untouched = Arc::ptr_eq(&arrival.codec, codec) && arrival.object.get(py).is_none();
         let Content::Bytes { head, parts } = &arrival.content else { return None };
         let pickled = codec.is_pickled(head, parts);
         if !untouched || pickled && !trust.permits_pickle() {
             return None;
         }
         Encoded::forwarded(head, parts, pickled, store)
+    }
+}
+
+impl Arrival {
+    /// The object, decoded if it has not been.
+    fn object(&self, py: Python<'_>) -> PyResult<&Py<PyAny>> {
+        self.object.get_or_try_init(py, || match &self.content {
+            Content::Bytes { head, parts } => self.codec.decode(py, head, parts, self.trust),
+            Content::Parcel(parcel) => parcel.open(py, &self.codec, self.trust),
+        })
     }
 }
 

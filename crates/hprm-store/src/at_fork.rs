@@ -31,6 +31,7 @@ extern "C" fn note_fork() {
 
 /// Whether this process was forked from one that had begun to [`watch_forks`].
 #[must_use]
+#[inline]
 pub fn is_forked() -> bool {
     FORKED.load(Ordering::Acquire)
 }
