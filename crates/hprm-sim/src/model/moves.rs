@@ -4,6 +4,7 @@
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
+use std::hash::Hash;
 use std::rc::Rc;
 
 use hprm_core::PhysicalTime;
@@ -32,14 +33,14 @@ pub(super) struct Moved<M, O, R> {
 type MovedSeat = Moved<Seat, Output, Turn>;
 type MovedRti = Moved<Rti, RtiOutput, ()>;
 
-/// All moves so far, by the digest of what they follow from. The states of one search share them.
+/// All moves so far. The states of one search share them.
 #[derive(Clone, Default)]
-pub(super) struct Moves(Rc<RefCell<Known>>);
+pub(super) struct Moves(Rc<OfAll>);
 
 #[derive(Default)]
-struct Known {
-    seats: BTreeMap<u128, Rc<MovedSeat>>,
-    rti: BTreeMap<u128, Rc<MovedRti>>,
+struct OfAll {
+    seats: Known<Seat, Output, Turn>,
+    rti: Known<Rti, RtiOutput, ()>,
 }
 
 impl Moves {
@@ -50,18 +51,10 @@ impl Moves {
         now: PhysicalTime,
         what: Move,
     ) -> Rc<MovedSeat> {
-        let key = digest(&(seat.digest(), now, &what));
-        let known = &mut self.0.borrow_mut().seats;
-        let moved = known.entry(key).or_insert_with(|| {
-            let mut machine = seat.clone();
-            let (result, outputs) = machine.change(|seat| {
-                let result = seat.go(now, what);
-                (result, std::mem::take(&mut seat.node.outputs).into())
-            });
-            machine.digest();
-            Rc::new(Moved { machine, outputs, result })
-        });
-        Rc::clone(moved)
+        self.0.seats.moved(seat, (now, what), |seat, (now, what)| {
+            let result = seat.go(now, what);
+            (result, std::mem::take(&mut seat.node.outputs).into())
+        })
     }
 
     /// The RTI handles an input.
@@ -71,18 +64,42 @@ impl Moves {
         now: PhysicalTime,
         input: RtiInput,
     ) -> Rc<MovedRti> {
-        let key = digest(&(rti.digest(), now, &input));
-        let known = &mut self.0.borrow_mut().rti;
+        self.0.rti.moved(rti, (now, input), |rti, (now, input)| {
+            let result = rti.handle(now, input);
+            (result, std::iter::from_fn(|| rti.poll()).collect())
+        })
+    }
+}
+
+/// The moves of machines of one kind.
+struct Known<M, O, R>(RefCell<ByDigest<M, O, R>>);
+
+/// By the digest of what they follow from.
+type ByDigest<M, O, R> = BTreeMap<u128, Rc<Moved<M, O, R>>>;
+
+impl<M: Clone + Hash, O, R> Known<M, O, R> {
+    /// What `go` makes of the machine and the cause; it is called the first time only.
+    fn moved<C: Hash>(
+        &self,
+        machine: &Shared<M>,
+        cause: C,
+        go: impl FnOnce(&mut M, C) -> (Result<R, Fault>, Vec<O>),
+    ) -> Rc<Moved<M, O, R>> {
+        let key = digest(&(machine.digest(), &cause));
+        let mut known = self.0.borrow_mut();
         let moved = known.entry(key).or_insert_with(|| {
-            let mut machine = rti.clone();
-            let (result, outputs) = machine.change(|rti| {
-                let result = rti.handle(now, input);
-                (result, std::iter::from_fn(|| rti.poll()).collect())
-            });
+            let mut machine = machine.clone();
+            let (result, outputs) = machine.change(|machine| go(machine, cause));
             machine.digest();
             Rc::new(Moved { machine, outputs, result })
         });
         Rc::clone(moved)
+    }
+}
+
+impl<M, O, R> Default for Known<M, O, R> {
+    fn default() -> Self {
+        Self(RefCell::default())
     }
 }
 
