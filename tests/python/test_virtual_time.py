@@ -107,6 +107,37 @@ def test_what_a_reaction_schedules_follows_its_tag() -> None:
     assert result.outputs["told"] == [(25 * MS, "answer 1")]
 
 
+class Late(hprm.Reactor):
+    """Two physical connections inside, one of them with a delay."""
+
+    value = hprm.Input(int)
+    soon = hprm.Output(int)
+    later = hprm.Output(int)
+
+    def __init__(self) -> None:
+        self.passing, self.delayed = Passing(), Passing()
+        hprm.connect(self.value, self.passing.value)
+        hprm.connect(self.value, self.delayed.value)
+        hprm.connect(self.passing.passed, self.soon, physical=True)
+        hprm.connect(self.delayed.passed, self.later, after="5 ms", physical=True)
+
+
+class Passing(hprm.Reactor):
+    value = hprm.Input(int)
+    passed = hprm.Output(int)
+
+    @hprm.reaction(value, effects=[passed])
+    def act(self) -> None:
+        self.passed.set(self.value.value)
+
+
+def test_physical_connections_follow_virtual_time() -> None:
+    result = hprm.testing.run(Late(), inputs={"value": [("0 ms", 1), ("8 s", 2)]})
+    last = 8_000_000_000
+    assert result.outputs["soon"] == [(0, 1), (last, 2)]
+    assert result.outputs["later"] == [(5_000_000, 1), (last + 5_000_000, 2)]
+
+
 def test_an_event_without_a_value() -> None:
     result = hprm.testing.run(Answers(), inputs={"answer": [("20 ms", None)]})
     assert result.outputs["told"] == [(21 * MS, "answer None")]
