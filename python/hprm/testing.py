@@ -96,8 +96,8 @@ def run(
     Notes
     -----
     Physical connections follow virtual time, and so do physical actions: if a reaction schedules
-    one, its delay counts from the current tag. What anything but a reaction schedules, such as a thread, is dropped with a
-    ``RuntimeWarning``: when it would come depends on the machine.
+    one, its delay counts from the current tag. What anything but a reaction schedules, such as a
+    thread, is dropped with a ``RuntimeWarning``: when it would come depends on the machine.
 
     """
     events = Events(reactor, inputs or {})
