@@ -99,7 +99,7 @@ def test_the_picture_of_the_readme_is_what_the_command_draws(tmp_path: Path) -> 
 
 
 def test_a_program_in_python_has_the_names_of_its_methods(tmp_path: Path) -> None:
-    done = draw(ROOT / "examples/pipeline/pipeline.py", "--output", "p.svg", folder=tmp_path)
+    done = draw(ROOT / "examples/pipeline/pipeline.py", "-o", "p.svg", folder=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert "camera" in (tmp_path / "p.svg").read_text()
 

@@ -145,6 +145,13 @@ def test_a_word_that_names_nothing_is_one_error(bench: Bench, word: str) -> None
     assert not (bench.folder / "frames.log").exists()
 
 
+def test_an_empty_filter_is_an_error(bench: Bench) -> None:
+    program(bench, "centralized")
+    outcome = finish(bench.call("run", "--log-frames=", "Main.lf"))
+    assert outcome.code == 2
+    assert "a value is required for '--log-frames[=<FILTER>]'" in outcome.err
+
+
 def test_a_file_that_cannot_be_written_is_one_error(bench: Bench) -> None:
     program(bench, "centralized")
     outcome = finish(bench.call("run", "--log-frames-to=nowhere/frames.log", "Main.lf"))

@@ -17,11 +17,13 @@ use crate::source::Program;
 /// reactors, and an executable declares what it is. A program with a causality loop is drawn too, with the loop in
 /// red.
 #[derive(Args, Debug)]
+// That is the letter of a timeout elsewhere, which no diagram shows.
+#[command(mut_arg("timeout", |timeout| timeout.short(None)))]
 #[command(after_help = "\
 Examples:
   hprm diagram Main.lf                        writes Main.svg
-  hprm diagram Main.lf --output Main.html     a page whose reactors open and close
-  hprm diagram app.py --output app.png
+  hprm diagram Main.lf -o Main.html           a page whose reactors open and close
+  hprm diagram app.py -o app.png
 
 The exit code is 1 if the program has an error, even if there is a diagram of it.")]
 pub(crate) struct Diagram {
@@ -31,7 +33,7 @@ pub(crate) struct Diagram {
     pub(crate) file: PathBuf,
     /// The picture: its name ends in .svg, .png or .html. Without it, NAME.svg in the current directory, where
     /// NAME is that of the program.
-    #[arg(long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Option<PathBuf>,
     /// How deep reactors are open: with 1, the contents of the main reactor are drawn, and reactors in it are
     /// closed. Without it, all are open. In a page, that is how it begins.
