@@ -6,6 +6,12 @@
 //! side by a word of the ring. The other side is not trusted: what it tells is checked against what is
 //! possible, and bytes are copied out before they are used.
 //!
+//! **A ring uses no more memory than it needs.** Whenever the writer has written some pages and finds that the reader has
+//! read everything, it begins again at the first byte of the ring: the *origin* is the byte of the stream that lies
+//! there. The system gives memory to pages that were written, and those that are written again and again stay in the
+//! processor's cache. Both sides agree on the origin, although the reader learns of it later: it is a byte that the reader
+//! had not read when the writer chose it, and everything before it was read.
+//!
 //! **A side announces that it will sleep.** A reader that is about to sleep announces it in the ring and
 //! then looks for bytes once more; a writer writes and then looks whether the reader sleeps. Both exchange the word
 //! of the announcement, so one of them comes second: it gets what the other one has put there, and sees all that
@@ -28,8 +34,13 @@ pub const RING_CAPACITY: usize = 1 << 17;
 /// write lie this far apart.
 const LINE: usize = 16;
 
+/// How many bytes are written before the writer looks whether it can begin again at the start of the ring: about a page.
+const SPAN: u64 = 1 << 12;
+
 /// The positions of the words by which the sides of a ring tell each other their state.
 const WRITTEN: usize = 0;
+/// Beside the count that the reader loads anyway, in one line of the cache.
+const ORIGIN: usize = 1;
 const READ: usize = LINE;
 const READER_SLEEPS: usize = 2 * LINE;
 const WRITER_WAITS: usize = 3 * LINE;
@@ -61,6 +72,9 @@ trait Memory {
     /// How many bytes a ring holds: whole words.
     const CAPACITY: usize;
 
+    /// After how many bytes its writer looks whether everything was read.
+    const SPAN: u64;
+
     fn words(&self) -> &[Self::Word];
 }
 
@@ -68,6 +82,8 @@ impl<M: AsRef<[AtomicU64]>> Memory for M {
     type Word = AtomicU64;
 
     const CAPACITY: usize = RING_CAPACITY;
+
+    const SPAN: u64 = SPAN;
 
     fn words(&self) -> &[AtomicU64] {
         self.as_ref()
@@ -83,9 +99,9 @@ impl<M: Memory> Ring<M> {
         &self.memory.words()[self.start + DATA..][..M::CAPACITY / WORD]
     }
 
-    /// The position in the ring of a byte, by its number in the stream.
-    fn position(number: u64) -> usize {
-        (number % M::CAPACITY as u64) as usize
+    /// The position in the ring of a byte, by its number in the stream, from the byte that lies at the start.
+    fn position(origin: u64, number: u64) -> usize {
+        ((number - origin) % M::CAPACITY as u64) as usize
     }
 
     /// Loads a word of the other side; everything that it did before is visible afterwards.
@@ -226,14 +242,21 @@ struct Writer<M> {
     written: u64,
     /// How many of them had been read when this side last loaded that.
     read: u64,
+    /// Which of them lies, or lay, at the start of the ring.
+    origin: u64,
+    /// How many are written when this side looks whether everything was read.
+    looks_at: u64,
 }
 
 impl<M: Memory> Writer<M> {
     fn new(ring: Ring<M>) -> Self {
-        Self { ring, written: 0, read: 0 }
+        Self { ring, written: 0, read: 0, origin: 0, looks_at: M::SPAN }
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<usize, RingError> {
+        if self.written >= self.looks_at {
+            self.begin_again_if_empty()?;
+        }
         if self.room() < bytes.len() {
             self.load_read()?;
         }
@@ -253,6 +276,18 @@ impl<M: Memory> Writer<M> {
         Ok(self.room() > 0)
     }
 
+    /// The next byte lies at the start of the ring, if all before it were read.
+    fn begin_again_if_empty(&mut self) -> Result<(), RingError> {
+        self.load_read()?;
+        if self.read == self.written {
+            self.origin = self.written;
+            // The reader sees it with the count of what is written next.
+            self.ring.word(ORIGIN).store(self.origin, Ordering::Relaxed);
+        }
+        self.looks_at = self.written + M::SPAN;
+        Ok(())
+    }
+
     fn room(&self) -> usize {
         M::CAPACITY - (self.written - self.read) as usize
     }
@@ -269,7 +304,7 @@ impl<M: Memory> Writer<M> {
 
     /// Copies bytes for which there is room.
     fn put(&mut self, bytes: &[u8]) {
-        let at = Ring::<M>::position(self.written);
+        let at = Ring::<M>::position(self.origin, self.written);
         let (now, later) = bytes.split_at(bytes.len().min(M::CAPACITY - at));
         put(self.ring.data(), at, now);
         put(self.ring.data(), 0, later);
@@ -282,6 +317,8 @@ struct Reader<M> {
     ring: Ring<M>,
     /// How many bytes have been read.
     read: u64,
+    /// Which of them lies, or lay, at the start of the ring.
+    origin: u64,
     /// How many had been written when this side last read.
     written: u64,
     /// How many had been read when this side last looked whether the writer waits.
@@ -290,7 +327,7 @@ struct Reader<M> {
 
 impl<M: Memory> Reader<M> {
     fn new(ring: Ring<M>) -> Self {
-        Self { ring, read: 0, written: 0, looked: 0 }
+        Self { ring, read: 0, origin: 0, written: 0, looked: 0 }
     }
 
     fn is_empty(&self) -> bool {
@@ -307,6 +344,11 @@ impl<M: Memory> Reader<M> {
         self.written = written;
         let count = available.min(buffer.len());
         if count > 0 {
+            // An earlier origin is an earlier byte: the writer chooses one when everything before it was read. So one that
+            // is the next byte to read is the latest.
+            if self.ring.word(ORIGIN).load(Ordering::Relaxed) == self.read {
+                self.origin = self.read;
+            }
             self.take(&mut buffer[..count]);
             self.read += count as u64;
             self.ring.store(READ, self.read);
@@ -327,7 +369,7 @@ impl<M: Memory> Reader<M> {
 
     /// Copies out bytes that were written.
     fn take(&self, buffer: &mut [u8]) {
-        let at = Ring::<M>::position(self.read);
+        let at = Ring::<M>::position(self.origin, self.read);
         let (now, later) = buffer.split_at_mut(buffer.len().min(M::CAPACITY - at));
         take(self.ring.data(), at, now);
         take(self.ring.data(), 0, later);

@@ -34,11 +34,13 @@ impl Counted {
 }
 
 impl Sides for Counted {
-    type Key = [u64; 6];
+    type Key = [u64; 9];
 
     fn key(&self) -> Self::Key {
         let Self { writer, reader, posted, received, .. } = self;
-        [writer.written, writer.read, reader.read, reader.written, *posted, *received]
+        let Writer { written, read, origin, looks_at, .. } = *writer;
+        let Reader { read: taken, origin: adopted, written: seen, .. } = *reader;
+        [written, read, origin, looks_at, taken, adopted, seen, *posted, *received]
     }
 
     fn able(&self) -> Vec<usize> {

@@ -16,6 +16,9 @@ impl Memory for RingMemory {
 
     const CAPACITY: usize = CAPACITY as usize;
 
+    // It begins again whenever it can.
+    const SPAN: u64 = 1;
+
     fn words(&self) -> &[WeakWord] {
         &self.0
     }
@@ -119,12 +122,13 @@ impl Ends {
 }
 
 impl Sides for Ends {
-    type Key = (Progress, [u64; 5]);
+    type Key = (Progress, [u64; 8]);
 
     fn key(&self) -> Self::Key {
         let Self { writer, reader, progress, .. } = self;
-        let sides = [writer.written, writer.read, reader.read, reader.written, reader.looked];
-        (progress.clone(), sides)
+        let Writer { written, read, origin, looks_at, .. } = *writer;
+        let Reader { read: taken, origin: adopted, written: seen, looked, .. } = *reader;
+        (progress.clone(), [written, read, origin, looks_at, taken, adopted, seen, looked])
     }
 
     fn able(&self) -> Vec<usize> {

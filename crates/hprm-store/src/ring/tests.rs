@@ -61,19 +61,40 @@ proptest! {
 
     #[test]
     fn a_side_that_tells_impossible_things_causes_an_error_or_wrong_bytes_and_never_more(
-        written in any::<u64>(), read in any::<u64>(), len in 1_usize..200,
+        written in any::<u64>(), read in any::<u64>(), len in 1_usize..200, origin in any::<u64>(),
     ) {
         let (mut writer, mut reader, ring) = ring();
         writer.write(&[7; 100]).unwrap();
         ring.store(WRITTEN, written);
+        ring.store(ORIGIN, origin);
         let mut buffer = vec![0; len];
         match reader.read(&mut buffer) {
             Ok(count) => prop_assert!(count <= len && written <= RING_CAPACITY as u64),
             Err(RingError) => prop_assert!(written > RING_CAPACITY as u64),
         }
+        let origin = origin % (written.wrapping_add(1)).max(1);
+        ring.store(ORIGIN, origin);
+        prop_assert_eq!(reader.read(&mut buffer).is_err(), written > RING_CAPACITY as u64);
         ring.store(READ, read);
         prop_assert_eq!(writer.has_room_or_waits().is_err(), read > 100);
     }
+}
+
+#[test]
+fn a_ring_whose_reader_keeps_up_uses_its_first_pages_only() {
+    let (mut writer, mut reader, ring) = ring();
+    let mut buffer = [0; 200];
+    for number in 0..10_000_u32 {
+        let bytes = [number as u8 | 1; 100];
+        assert_eq!(writer.write(&bytes), Ok(100));
+        // The reader is late by a message at times.
+        if number % 3 > 0 {
+            let count = reader.read(&mut buffer).unwrap();
+            assert_eq!(buffer[count - 100..count], bytes);
+        }
+    }
+    let used = ring.data().iter().rposition(|word| word.load(Ordering::Relaxed) != 0).unwrap();
+    assert!((used * WORD) as u64 <= 2 * SPAN, "{used} words are in use");
 }
 
 #[test]
