@@ -18,6 +18,7 @@
 //! this one did before. So no byte waits for a reader that sleeps. A writer that finds the ring full waits in the same
 //! way; a reader need not look for that after each read ([`Reader::take_waiting_writer`]).
 
+use std::ops::Range;
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -49,6 +50,13 @@ const DATA: usize = 5 * LINE;
 
 const WORD: usize = size_of::<u64>();
 const RING_WORDS: usize = DATA + RING_CAPACITY / WORD;
+
+/// What is used at once of two rings: their first words and some pages, in which the longest messages fit. The system gives
+/// memory to the rest where a reader falls behind.
+const SOON: [Range<usize>; 2] = {
+    let words = DATA + 4 * SPAN as usize / WORD;
+    [0..words, RING_WORDS..RING_WORDS + words]
+};
 
 /// The other side tells something that is not possible.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, thiserror::Error)]
@@ -145,7 +153,7 @@ pub struct RingReader(Reader<SharedWords>);
 ///
 /// If the system does not give the memory.
 pub fn ring_pair() -> Result<(RingWriter, RingReader, OwnedFd), SegmentError> {
-    let (memory, file) = SharedWords::create(2 * RING_WORDS)?;
+    let (memory, file) = SharedWords::create(2 * RING_WORDS, &SOON)?;
     let (outbound, inbound) = ends(memory);
     Ok((RingWriter(Writer::new(outbound)), RingReader(Reader::new(inbound)), file))
 }
@@ -156,7 +164,7 @@ pub fn ring_pair() -> Result<(RingWriter, RingReader, OwnedFd), SegmentError> {
 ///
 /// If the file is something else, or the system does not map it.
 pub fn map_ring_pair(file: &OwnedFd) -> Result<(RingWriter, RingReader), SegmentError> {
-    let (inbound, outbound) = ends(SharedWords::map(file, 2 * RING_WORDS)?);
+    let (inbound, outbound) = ends(SharedWords::map(file, 2 * RING_WORDS, &SOON)?);
     Ok((RingWriter(Writer::new(outbound)), RingReader(Reader::new(inbound))))
 }
 

@@ -64,9 +64,9 @@ impl Mapping {
         let mapping = Self::new(file, len, prot, MapFlags::empty())?;
         if len >= HUGE_PAGE {
             // Optional: a kernel without huge pages for shared memory refuses it, and nothing is lost.
-            let _ = mapping.advise(Advice::LinuxHugepage);
+            let _ = mapping.advise(0..len, Advice::LinuxHugepage);
         }
-        match mapping.advise(Advice::LinuxPopulateWrite) {
+        match mapping.populate(0..len) {
             Ok(()) => Ok(mapping),
             Err(Errno::INVAL) => {
                 fs::fallocate(file, FallocateFlags::empty(), 0, len as u64)?;
@@ -76,10 +76,19 @@ impl Mapping {
         }
     }
 
-    fn advise(&self, advice: Advice) -> Result<(), Errno> {
-        // SAFETY: the range is exactly this mapping, and the advice given in this file (huge pages,
+    /// Makes the pages of these bytes present, for writing; `INVAL` of kernels before 5.14.
+    pub(super) fn populate(&self, bytes: Range<usize>) -> Result<(), Errno> {
+        self.advise(bytes, Advice::LinuxPopulateWrite)
+    }
+
+    fn advise(&self, bytes: Range<usize>, advice: Advice) -> Result<(), Errno> {
+        assert!(bytes.end <= self.len, "what is advised lies in the mapping");
+        // From the page in which the first byte is: pages of any size are multiples of this one, or the kernel refuses.
+        let start = bytes.start - bytes.start % SMALLEST_PAGE;
+        let len = bytes.end - start;
+        // SAFETY: the range lies in this mapping, and the advice given in this file (huge pages,
         // populate) changes no byte of it.
-        unsafe { mm::madvise(self.base.as_ptr().cast(), self.len, advice) }
+        unsafe { mm::madvise(self.at(start).cast(), len, advice) }
     }
 
     /// The length in bytes.

@@ -5,6 +5,7 @@
 
 #![allow(unsafe_code)]
 
+use std::ops::Range;
 use std::os::fd::OwnedFd;
 use std::slice;
 use std::sync::atomic::AtomicU64;
@@ -15,6 +16,8 @@ use rustix::mm::{MapFlags, ProtFlags};
 
 use super::mapping::Mapping;
 use crate::SegmentError;
+
+const READ_WRITE: ProtFlags = ProtFlags::READ.union(ProtFlags::WRITE);
 
 /// Against which changes the file is sealed: of its length, and of its seals.
 const SEALS: SealFlags = SealFlags::SHRINK.union(SealFlags::GROW).union(SealFlags::SEAL);
@@ -28,21 +31,30 @@ pub(crate) struct SharedWords {
 }
 
 impl SharedWords {
-    /// Creates `count` words, all of them zero and present, and the descriptor by which the other side
-    /// maps them.
-    pub(crate) fn create(count: usize) -> Result<(Self, OwnedFd), SegmentError> {
+    /// Creates `count` words, all of them zero, and the descriptor by which the other side maps them. Those of the ranges
+    /// `soon` are present; the system gives memory to others when they are written.
+    pub(crate) fn create(
+        count: usize,
+        soon: &[Range<usize>],
+    ) -> Result<(Self, OwnedFd), SegmentError> {
         let (size, len) = size_of(count);
         let error = |step| move |cause| SegmentError::Create { len, step, cause };
         let flags = MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING;
         let file = fs::memfd_create("hprm-ring", flags).map_err(error("memfd_create"))?;
         fs::ftruncate(&file, len).map_err(error("ftruncate"))?;
-        let mapping = Mapping::present(&file, size).map_err(error("mmap"))?;
+        let mapping = Mapping::new(&file, size, READ_WRITE, MapFlags::empty());
+        let mapping = mapping.and_then(|mapping| with_present(mapping, soon));
+        let mapping = mapping.map_err(error("mmap"))?;
         fs::fcntl_add_seals(&file, SEALS).map_err(error("seal"))?;
         Ok((Self { mapping, count }, file))
     }
 
-    /// Maps what the other side has created, if it can do no harm.
-    pub(crate) fn map(file: &OwnedFd, count: usize) -> Result<Self, SegmentError> {
+    /// Maps what the other side has created, if it can do no harm, with the ranges `soon` present.
+    pub(crate) fn map(
+        file: &OwnedFd,
+        count: usize,
+        soon: &[Range<usize>],
+    ) -> Result<Self, SegmentError> {
         let (size, len) = size_of(count);
         let error = |step| move |cause| SegmentError::Map { len, step, cause };
         match fs::fcntl_get_seals(file) {
@@ -56,10 +68,21 @@ impl SharedWords {
         if actual < len {
             return Err(SegmentError::TooShort { announced: len, actual });
         }
-        let prot = ProtFlags::READ | ProtFlags::WRITE;
-        let mapping = Mapping::new(file, size, prot, MapFlags::POPULATE).map_err(error("mmap"))?;
-        Ok(Self { mapping, count })
+        let mapping = Mapping::new(file, size, READ_WRITE, MapFlags::empty());
+        let mapping = mapping.and_then(|mapping| with_present(mapping, soon));
+        Ok(Self { mapping: mapping.map_err(error("mmap"))?, count })
     }
+}
+
+/// Makes ranges of words present. Kernels before 5.14 cannot; there all are when they are used.
+fn with_present(mapping: Mapping, words: &[Range<usize>]) -> Result<Mapping, Errno> {
+    for range in words {
+        match mapping.populate(size_of(range.start).0..size_of(range.end).0) {
+            Ok(()) | Err(Errno::INVAL) => {}
+            Err(cause) => return Err(cause),
+        }
+    }
+    Ok(mapping)
 }
 
 impl AsRef<[AtomicU64]> for SharedWords {
@@ -84,10 +107,12 @@ mod tests {
 
     use super::*;
 
+    const SOON: [Range<usize>; 2] = [0..8, 1000..1020];
+
     #[test]
     fn both_sides_see_what_either_writes() {
-        let (here, file) = SharedWords::create(1024).unwrap();
-        let there = SharedWords::map(&file, 1024).unwrap();
+        let (here, file) = SharedWords::create(1024, &SOON).unwrap();
+        let there = SharedWords::map(&file, 1024, &SOON).unwrap();
         here.as_ref()[7].store(1, Ordering::Release);
         there.as_ref()[1023].store(2, Ordering::Release);
         assert_eq!(there.as_ref()[7].load(Ordering::Acquire), 1);
@@ -98,10 +123,10 @@ mod tests {
     fn what_could_shrink_or_is_short_is_not_mapped() {
         let open = fs::memfd_create("test", MemfdFlags::ALLOW_SEALING).unwrap();
         fs::ftruncate(&open, 8192).unwrap();
-        assert_eq!(SharedWords::map(&open, 1024).unwrap_err(), SegmentError::NotSealed);
-        let (_, file) = SharedWords::create(1024).unwrap();
+        assert_eq!(SharedWords::map(&open, 1024, &[]).unwrap_err(), SegmentError::NotSealed);
+        let (_, file) = SharedWords::create(1024, &SOON).unwrap();
         let short = SegmentError::TooShort { announced: 8200, actual: 8192 };
-        assert_eq!(SharedWords::map(&file, 1025).unwrap_err(), short);
+        assert_eq!(SharedWords::map(&file, 1025, &[]).unwrap_err(), short);
         assert_eq!(fs::ftruncate(&file, 0), Err(Errno::PERM));
     }
 }
