@@ -6,19 +6,20 @@ the file again that defines it, as ``hprm run FILE`` has them do.
 
 from __future__ import annotations
 
+import fcntl
 import os
 import pickle
 import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from hprm import _construction, _duration, _hprm, _loading, _structure
 from hprm._declared import Declared
 from hprm._duration import Time
-from hprm._mistakes import WARNED, ProgramError, failed, one
+from hprm._mistakes import INTERRUPTED, WARNED, ProgramError, failed, one
 from hprm._places import here, shown
 from hprm._reactor import Federation, Reactor
 
@@ -81,12 +82,18 @@ def run(
     except ProgramError as error:
         # How it was found is of no help to the user.
         raise error.with_traceback(None) from error.__cause__
+    except KeyboardInterrupt:
+        raise failed(INTERRUPTED, []) from None
     traces = {"--logical-trace": logical_trace, "--trace": trace}
     files = {option: os.fspath(path) for option, path in traces.items() if path is not None}
     failures: list[str] = []
     if isinstance(main, Federation) and processes:
         # The command says what to beware of.
-        code = _launch(main, options, files, failures)
+        try:
+            code = _launch(main, options, files, failures)
+        except KeyboardInterrupt:
+            # It came before there was anything to stop.
+            code = INTERRUPTED
     else:
         _tell(warnings)
         code = _hprm.run_declared(
@@ -161,8 +168,8 @@ def _launch(
     options += [word for option in traces.items() for word in option]
     # A file without a name, of which nothing is left however the processes end.
     with (
-        os.fdopen(os.memfd_create("hprm-call"), "wb") as file,
-        os.fdopen(os.memfd_create("hprm-failures"), "r+", encoding="utf-8") as told,
+        os.fdopen(_memory("hprm-call"), "wb") as file,
+        os.fdopen(_memory("hprm-failures"), "r+", encoding="utf-8") as told,
     ):
         try:
             pickle.dump(_construction.of(main).call, file)
@@ -180,6 +187,20 @@ def _launch(
         return code
 
 
+def _memory(name: str) -> int:
+    """Make a file in memory, and return its descriptor.
+
+    It takes the place of no standard stream that is closed: other processes would write to it.
+    """
+    made = os.memfd_create(name)
+    if made > 2:
+        return made
+    try:
+        return fcntl.fcntl(made, fcntl.F_DUPFD_CLOEXEC, 3)
+    finally:
+        os.close(made)
+
+
 def launch(command: str, words: list[str], descriptors: tuple[int, ...] = ()) -> int:
     """Have the command run a federation. Return its exit code.
 
@@ -190,7 +211,7 @@ def launch(command: str, words: list[str], descriptors: tuple[int, ...] = ()) ->
         environment[_loading.CALL] = f"/proc/self/fd/{descriptors[0]}"
     parent = os.getpid()
     return _wait(
-        subprocess.Popen(
+        lambda: subprocess.Popen(
             [command, "run", "--python", sys.executable, "--federation-known", *words],
             env=environment,
             pass_fds=descriptors,
@@ -200,19 +221,27 @@ def launch(command: str, words: list[str], descriptors: tuple[int, ...] = ()) ->
     )
 
 
-def _wait(process: subprocess.Popen[bytes]) -> int:
-    """Wait for the command, which gets the signals of this process, and stops in order then."""
+def _wait(start: Callable[[], subprocess.Popen[bytes]]) -> int:
+    """Start the command and wait for it; it gets the signals of this process, and stops in order."""
+    process: subprocess.Popen[bytes] | None = None
+    early: list[int] = []
 
     def forward(number: int, _: object) -> None:
         # Ctrl-C in a terminal is for all processes there; of two at a time, the command takes one.
-        process.send_signal(number)
+        if process is None:
+            early.append(number)
+        else:
+            process.send_signal(number)
 
     try:
         before = {it: signal.signal(it, forward) for it in (signal.SIGINT, signal.SIGTERM)}
     except ValueError:
         # Only the main thread can; in another one, no signal comes.
-        return _ended(process)
+        return _ended(start())
     try:
+        process = start()
+        for number in early:
+            process.send_signal(number)
         return _ended(process)
     finally:
         for number, handler in before.items():

@@ -120,12 +120,12 @@ class ProgramInterrupted(ProgramFailed, KeyboardInterrupt):
 
 
 # The exit code of a program that SIGINT has stopped.
-_INTERRUPTED = 130
+INTERRUPTED = 130
 
 
 def failed(code: int, failures: list[str]) -> ProgramFailed:
     """Return the exception of a program that has ended with a code other than zero."""
-    kind = ProgramInterrupted if code == _INTERRUPTED else ProgramFailed
+    kind = ProgramInterrupted if code == INTERRUPTED else ProgramFailed
     return kind(code, *failures[:1])
 
 

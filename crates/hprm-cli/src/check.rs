@@ -33,7 +33,7 @@ pub(crate) fn checked(program: &Program<'_>) -> Result<Result<Compiled, ExitCode
 }
 
 /// Shows why a program in Python has not declared itself; what the command ends with.
-pub(crate) fn show_undeclared(Undeclared { code, reports }: Undeclared) -> ExitCode {
+pub(crate) fn show_undeclared(Undeclared { code, reports, .. }: Undeclared) -> ExitCode {
     if !message::speaks_json() {
         show_reports(&reports);
         if codes_of(&reports).next().is_some() {
@@ -70,7 +70,15 @@ pub(crate) fn check(arguments: &Check) -> ExitCode {
         let program = Program { path, properties, arguments: words, interpreter };
         (path, program.check())
     };
-    let found: Vec<_> = arguments.files.iter().map(PathBuf::as_path).map(looked_through).collect();
+    let mut found = Vec::new();
+    for path in arguments.files.iter().map(PathBuf::as_path) {
+        match looked_through(path) {
+            (_, Ok(Outcome::Undeclared(undeclared))) if undeclared.interrupted => {
+                return undeclared.code;
+            }
+            looked_through => found.push(looked_through),
+        }
+    }
     // Python has compiled what a program in Python consists of.
     let well = found.iter().filter(|(path, outcome)| {
         let is_lf = !declare::is_python(path) && !executable::is_program(path);

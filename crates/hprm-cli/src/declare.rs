@@ -16,7 +16,8 @@ use hprm_declared::NamedProgram;
 
 use crate::args::Interpreter;
 use crate::message::Error;
-use crate::{python, signals};
+use crate::python;
+use crate::signals::{self, Ended};
 
 /// The class that a federation extends, itself or by another file.
 const FEDERATION: &[u8] = b"Federation";
@@ -65,6 +66,16 @@ pub(crate) struct Undeclared {
     /// What is wrong with the program; nothing if the interpreter has been ended, and has said why, or a signal has
     /// ended it.
     pub(crate) reports: Vec<Report>,
+    /// Whether the user has asked this command to stop.
+    pub(crate) interrupted: bool,
+}
+
+impl Undeclared {
+    /// By a signal that asked for the end, whatever the interpreter made of that.
+    fn interrupted(signal: i32) -> Self {
+        let code = u8::try_from(128 + signal).map_or(ExitCode::FAILURE, ExitCode::from);
+        Self { code, reports: Vec::new(), interrupted: true }
+    }
 }
 
 /// Has an interpreter declare the program at `path`. Returns the declaration, or why there is none.
@@ -95,15 +106,20 @@ pub(crate) fn declare<'a>(
     let failed = |error: io::Error| Error::new(format!("cannot run {}: {error}", python.display()));
     let stderr = io::stderr().as_fd().try_clone_to_owned().map_err(failed)?;
     command.stdin(Stdio::null()).stdout(stderr);
-    let status = signals::run_to_end(command).map_err(failed)?;
+    let Ended { status, asked } = signals::run_to_end(command).map_err(failed)?;
+    if let Some(signal) = asked {
+        return Ok(Err(Undeclared::interrupted(signal)));
+    }
     if !status.success() {
         let reports = answer.read().unwrap_or_default();
         let reports = reports.lines().filter_map(|line| serde_json::from_str(line).ok());
-        return Ok(Err(Undeclared { code: exit_code(status, path), reports: reports.collect() }));
+        let (code, reports) = (exit_code(status, path), reports.collect());
+        return Ok(Err(Undeclared { code, reports, interrupted: false }));
     }
     match answer.read().map_err(unable)? {
         text if text == ENDED => {
-            Ok(Err(Undeclared { code: ExitCode::SUCCESS, reports: Vec::new() }))
+            let (code, reports) = (ExitCode::SUCCESS, Vec::new());
+            Ok(Err(Undeclared { code, reports, interrupted: false }))
         }
         text if !text.is_empty() => Ok(Ok(text)),
         _ => Err(Error::new(format!("{} has not declared a program", path.display()))

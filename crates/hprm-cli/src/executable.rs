@@ -73,9 +73,10 @@ pub(crate) fn of_itself(compiled: &mut Compiled, executable: &ExecutableFederate
     compiled.executables = federates.map(|id| (id, executable.clone())).collect();
 }
 
-/// Whether no federate needs an interpreter.
+/// Whether there are federates, and none of them needs an interpreter.
 pub(crate) fn are_all(compiled: &Compiled) -> bool {
-    compiled.federated && compiled.executables.len() == compiled.program.federates.len()
+    let federates = compiled.program.federates.len();
+    compiled.federated && federates > 0 && compiled.executables.len() == federates
 }
 
 /// Refuses to run an executable as a thread of another process.

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use hprm::launch::signals::{self, is_ignored};
 use hprm::supervisor::{self, SIGNAL_DEBOUNCE};
 use nix::sys::signal::{SigSet, SigmaskHow, Signal, kill};
-use nix::sys::signalfd::{SfdFlags, SignalFd};
+use nix::sys::signalfd::{SfdFlags, SignalFd, siginfo};
 use nix::unistd::Pid;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::flag;
@@ -73,6 +73,15 @@ pub(crate) fn survive_long_files() -> io::Result<()> {
     flag::register(SIGXFSZ, Arc::default()).map(drop)
 }
 
+/// How a process has ended to which signals were forwarded.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ended {
+    pub(crate) status: ExitStatus,
+    /// The signal that asked this process to stop meanwhile. The other one may have been at its end by then, or have
+    /// taken it for a mistake.
+    pub(crate) asked: Option<i32>,
+}
+
 /// Runs a process to its end. Meanwhile the signals that ask this process to stop go to that one, and a second
 /// one kills it.
 ///
@@ -81,7 +90,7 @@ pub(crate) fn survive_long_files() -> io::Result<()> {
 /// # Errors
 ///
 /// If it cannot be started, or the system refuses.
-pub(crate) fn run_to_end(mut command: Command) -> io::Result<ExitStatus> {
+pub(crate) fn run_to_end(mut command: Command) -> io::Result<Ended> {
     let mut asking = SigSet::empty();
     for signal in ASKING.into_iter().filter(|signal| !is_ignored(*signal)) {
         asking.add(Signal::try_from(signal)?);
@@ -91,24 +100,27 @@ pub(crate) fn run_to_end(mut command: Command) -> io::Result<ExitStatus> {
     let mut process = without_ctrl_c(|| command.spawn())?;
     // Only now, because a process inherits what is blocked. The command has no other threads yet.
     let before = asking.thread_swap_mask(SigmaskHow::SIG_BLOCK)?;
-    let status = forward(&asking, &mut process);
+    let ended = forward(&asking, &mut process);
     before.thread_set_mask()?;
-    status
+    ended
 }
 
 /// Forwards these signals, which are blocked, to a process until it ends.
-fn forward(asking: &SigSet, process: &mut Child) -> io::Result<ExitStatus> {
+fn forward(asking: &SigSet, process: &mut Child) -> io::Result<Ended> {
     let signals = SignalFd::with_flags(asking, SfdFlags::SFD_NONBLOCK | SfdFlags::SFD_CLOEXEC)?;
-    let mut asked: Option<Instant> = None;
+    let mut asked: Option<(Instant, i32)> = None;
     loop {
         if let Some(status) = process.try_wait()? {
-            // They asked for the end of the process, so they must not end this one, too.
-            while asked.is_some() && signals.read_signal()?.is_some() {}
-            return Ok(status);
+            // One that came at the end asks for the end all the same. This process ends by it, not of it.
+            let number = |came: siginfo| i32::try_from(came.ssi_signo).unwrap_or_default();
+            while let Some(came) = signals.read_signal()? {
+                asked.get_or_insert((Instant::now(), number(came)));
+            }
+            return Ok(Ended { status, asked: asked.map(|(_, number)| number) });
         }
         if let Some(came) = signals.read_signal()? {
             // What a terminal sends to all of its processes may come once more from the one that started this.
-            if asked.is_some_and(|at| at.elapsed() < SIGNAL_DEBOUNCE) {
+            if asked.is_some_and(|(at, _)| at.elapsed() < SIGNAL_DEBOUNCE) {
                 continue;
             }
             let pid = Pid::from_raw(i32::try_from(process.id()).unwrap_or_default());
@@ -116,7 +128,7 @@ fn forward(asking: &SigSet, process: &mut Child) -> io::Result<ExitStatus> {
             let signal = if asked.is_some() { Signal::SIGKILL } else { Signal::try_from(number)? };
             // It is this one's child, and has not been waited for, so the number is its own.
             let _ = kill(pid, signal);
-            asked.get_or_insert_with(Instant::now);
+            asked.get_or_insert((Instant::now(), number));
         }
         thread::sleep(PATIENCE);
     }
