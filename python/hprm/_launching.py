@@ -133,7 +133,9 @@ def _refuse(declared: Declared, properties: list[str]) -> str:
     """Raise ``ProgramError`` if something is wrong with a program, or return its warnings."""
     is_right, text = _hprm.check_declared(declared, properties)
     if not is_right:
-        raise ProgramError(text.strip(), code="")
+        error = ProgramError(text.strip(), code="")
+        error.is_shown = True
+        raise error
     return text.rstrip()
 
 

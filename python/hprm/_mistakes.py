@@ -44,6 +44,8 @@ class ProgramError(Exception):
         """Say what is wrong at a place."""
         self.message = message
         self.location = place
+        #: Whether the message is what the check of the program shows, with the lines that it is about.
+        self.is_shown = False
         self.place = "" if place is None else str(place)
         self.hint = hint
         self.code = code

@@ -18,7 +18,9 @@ def _show(kind: type[BaseException], error: BaseException, trace: TracebackType 
     from hprm import _hprm
     from hprm._mistakes import ProgramError
 
-    if isinstance(error, ProgramError) and error.location is not None and not error.__cause__:
+    if isinstance(error, ProgramError) and error.location is not None:
         _hprm.tell_mistake(error)
+    elif isinstance(error, ProgramError) and error.is_shown:
+        print(error.message, file=sys.stderr)
     else:
         sys.__excepthook__(kind, error, trace)

@@ -8,6 +8,7 @@ mod report;
 
 use std::fmt::{self, Display};
 use std::io;
+use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
 use hprm_core::{ProgramError, Tag};
@@ -287,6 +288,9 @@ impl Failure {
     pub(crate) fn listen(rti: bool, address: &Address, error: &io::Error) -> Self {
         let (address, reason) = (address.clone(), error.to_string());
         let hint = match (error.kind(), &address) {
+            (io::ErrorKind::AddrInUse, Address::Path(path)) if !may_be_socket(path) => {
+                Some("there is something else than a socket at this path: choose another one")
+            }
             (io::ErrorKind::AddrInUse, Address::Path(_)) => Some(
                 "a process listens there, or one that has ended has left this path: remove it then, or choose \
                  another",
@@ -534,6 +538,11 @@ fn program_hint(error: &ProgramError) -> Option<&'static str> {
         }
         _ => None,
     }
+}
+
+/// Whether there may be a socket at a path, for all that this process can see.
+fn may_be_socket(path: &str) -> bool {
+    std::fs::symlink_metadata(path).map_or(true, |found| found.file_type().is_socket())
 }
 
 fn mistakes(reports: &[Report]) -> String {
