@@ -118,6 +118,32 @@ class Stage:
         return {path.name for path in self._folder.iterdir() if path.suffix != ".draft"} - ours
 
 
+#: A federate that is killed at 200 ms, beside another one.
+DYING = """
+target Python { coordination: COORDINATION }
+preamble {=
+import os, signal
+=}
+reactor Victim {
+  timer t(0, 10 ms)
+  state count = 0
+  reaction(t) {=
+    self.count += 1
+    if self.count == 21:
+        os.kill(os.getpid(), signal.SIGKILL)
+  =}
+}
+reactor Other {
+  timer t(0, 10 ms)
+  reaction(t) {= pass =}
+}
+federated reactor Main {
+  victim = new Victim()
+  other = new Other()
+}
+"""
+
+
 def program(coordination: str) -> str:
     """The text of the program."""
     return PROGRAM.replace("COORDINATION", coordination)
@@ -237,6 +263,19 @@ def test_a_federate_of_the_command_is_killed(
     assert stage.strange_files() == {"trace"}
     last = json.loads((bench.folder / "trace").read_text().splitlines()[-1])
     assert last["outcome"] == "failed"
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_the_trace_of_a_killed_federate_lacks_its_last_tag_at_most(
+    bench: Bench, coordination: str
+) -> None:
+    process = bench.start(DYING.replace("COORDINATION", coordination), "--logical-trace", "trace")
+    assert finish(process).code == 1
+    lines = [json.loads(line) for line in (bench.folder / "trace").read_text().splitlines()]
+    of_victim = [line["tag"][0] for line in lines if line.get("reaction") == "Main.victim.1"]
+    assert of_victim[-1] in (180_000_000, 190_000_000)
+    assert lines[-1]["outcome"] == "failed"
+    assert lines[-1]["end"][0] in (180_000_000, 190_000_000)
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)

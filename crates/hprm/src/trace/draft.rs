@@ -65,6 +65,15 @@ impl Draft {
         self.out.write_all(b"\n")
     }
 
+    /// Hands what was written to the system, so that it stays if this process is killed.
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be written.
+    pub fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
+    }
+
     /// Gives the file its name; one that had it before is gone.
     ///
     /// # Errors

@@ -170,7 +170,7 @@ impl Trace {
             output.through = self.tag;
         }
         output.tardy = self.tardy;
-        Ok(())
+        output.flush().map_err(|error| Failure::trace(&self.name, &error))
     }
 
     fn entry<H: Host>(&mut self, host: &mut H, record: ReactionRecord<H::Value>) -> Entry {
@@ -211,6 +211,10 @@ impl Trace {
 impl Output {
     fn write(&mut self, line: &Line) -> io::Result<()> {
         self.draft.as_mut().map_or(Ok(()), |draft| draft.write(line))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.draft.as_mut().map_or(Ok(()), Draft::flush)
     }
 
     fn end(&mut self, end: End) -> io::Result<()> {
