@@ -168,8 +168,8 @@ def run_declared(
     not handle them itself.
     """
 
-def check_declared(declared: Declared, properties: list[str] = ...) -> tuple[bool, str]:
-    """Return whether a declared program can run, and its diagnostics as text."""
+def check_declared(declared: Declared, properties: list[str] = ...) -> tuple[bool, str, str]:
+    """Return whether a declared program can run, its diagnostics as text, and how to read more."""
 
 def nanoseconds(time: _Time, /) -> int:
     """Return the nanoseconds of a whole number of them, a text such as "10 ms", or a timedelta.

@@ -131,10 +131,10 @@ def check(program: Reactor | type[Reactor] | Declared, properties: list[str] | N
 
 def _refuse(declared: Declared, properties: list[str]) -> str:
     """Raise ``ProgramError`` if something is wrong with a program, or return its warnings."""
-    is_right, text = _hprm.check_declared(declared, properties)
+    is_right, text, more = _hprm.check_declared(declared, properties)
     if not is_right:
         error = ProgramError(text.strip(), code="")
-        error.is_shown = True
+        error.more = more
         raise error
     return text.rstrip()
 

@@ -44,8 +44,8 @@ class ProgramError(Exception):
         """Say what is wrong at a place."""
         self.message = message
         self.location = place
-        #: Whether the message is what the check of the program shows, with the lines that it is about.
-        self.is_shown = False
+        #: If the message is all that the command shows of it: the line below, on how to read more.
+        self.more: str | None = None
         self.place = "" if place is None else str(place)
         self.hint = hint
         self.code = code

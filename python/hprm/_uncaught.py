@@ -20,7 +20,7 @@ def _show(kind: type[BaseException], error: BaseException, trace: TracebackType 
 
     if isinstance(error, ProgramError) and error.location is not None:
         _hprm.tell_mistake(error)
-    elif isinstance(error, ProgramError) and error.is_shown:
-        print(error.message, file=sys.stderr)
+    elif isinstance(error, ProgramError) and error.more is not None:
+        print(f"{error.message}\n\n{error.more}", file=sys.stderr)
     else:
         sys.__excepthook__(kind, error, trace)

@@ -26,7 +26,7 @@ def test_mistakes_are_told_before_anything_runs(script: Script) -> None:
             def begin(self):
                 print("never")
 
-        can_run, text = _hprm.check_declared(Declared(Main()))
+        can_run, text, _ = _hprm.check_declared(Declared(Main()))
         print(can_run, text.splitlines()[0])
         print(*_hprm.check_declared(Declared(Reactor()), ["timeout=x"])[1].splitlines()[:1])
         try:
@@ -97,7 +97,7 @@ def test_what_replaces_the_standard_error_is_told(script: Script) -> None:
                 with contextlib.redirect_stderr(io.StringIO()) as told:
                     code = _hprm.run_declared(Declared(main))
                 print(code, *told.getvalue().splitlines()[:1])
-            can_run, text = _hprm.check_declared(Declared(Warned()))
+            can_run, text, _ = _hprm.check_declared(Declared(Warned()))
             print(can_run, text.splitlines()[0])
             """
         )

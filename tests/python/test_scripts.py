@@ -17,6 +17,8 @@ import nbformat
 import pytest
 from processes import ANOTHER_SIGNAL_S
 
+from hprm import _launching
+
 VISION = """
 import sys
 import hprm
@@ -154,15 +156,71 @@ def test_a_failure_ends_the_script_with_the_exit_code(tmp_path: Path) -> None:
     assert "_launching" not in err and "SystemExit" not in err
 
 
-def test_a_mistake_is_shown_as_the_command_shows_it(tmp_path: Path) -> None:
-    text = WHOLE.replace('Timer("10 ms")', 'Timer("10 foo")') + "hprm.run(Vision())\n"
+@pytest.mark.parametrize(
+    ("right", "wrong", "code"),
+    [
+        ('Timer("10 ms")', 'Timer("10 foo")', "LF0403"),
+        ('Timer("10 ms")', "Timer(lambda self: self.perid)", "LF1008"),
+        ("hprm.connect(self.camera.image, ", "hprm.connect(self.detector.image, ", "LF0305"),
+    ],
+)
+def test_a_mistake_is_shown_as_the_command_shows_it(
+    tmp_path: Path, right: str, wrong: str, code: str
+) -> None:
+    text = WHOLE.replace(right, wrong) + 'if __name__ == "__main__":\n    hprm.run(Vision())\n'
     out, err = script(tmp_path, text, code=1)
     command = str(Path(sys.executable).with_name("hprm"))
     told = subprocess.run(
         [command, "run", "vision.py"], cwd=tmp_path, capture_output=True, text=True, timeout=60
     )
-    assert not out and err.startswith("error[LF0403]: ")
+    assert not out and err.startswith(f"error[{code}]: ")
     assert (err, 1) == (told.stderr, told.returncode)
+
+
+@pytest.mark.parametrize("closed", [0, 1, 2])
+def test_a_federation_runs_without_a_standard_stream(tmp_path: Path, closed: int) -> None:
+    text = FEDERATION.replace("print(", "open('seen', 'a').write(f'{self.image.value} ') or print(")
+    (tmp_path / "vision.py").write_text(
+        text + "if __name__ == '__main__':\n    hprm.run(Vision())\n"
+    )
+    done = subprocess.run(
+        ["/bin/sh", "-c", f"exec {sys.executable} vision.py {closed}>&-"],
+        cwd=tmp_path,
+        capture_output=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert (tmp_path / "seen").read_text() == "0 1 2 "
+
+
+#: It has been declared although its command was asked to stop meanwhile.
+DEAF = """
+import os, signal, time
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+os.kill(os.getppid(), signal.SIGINT)
+time.sleep(0.3)
+"""
+
+
+@pytest.mark.parametrize("command", ["run", "check", "diagram"])
+def test_ctrl_c_while_a_program_is_declared_is_not_lost(tmp_path: Path, command: str) -> None:
+    (tmp_path / "vision.py").write_text(DEAF + FEDERATION)
+    done = subprocess.run(
+        [str(Path(sys.executable).with_name("hprm")), command, "vision.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        timeout=60,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
+
+
+def test_ctrl_c_before_the_command_runs_is_forwarded() -> None:
+    def start() -> subprocess.Popen[bytes]:
+        os.kill(os.getpid(), signal.SIGINT)
+        return subprocess.Popen(["sleep", "60"])
+
+    assert _launching._wait(start) == 130
 
 
 def test_other_errors_are_shown_as_python_shows_them(tmp_path: Path) -> None:

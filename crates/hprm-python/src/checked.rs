@@ -4,7 +4,7 @@ use std::io::IsTerminal;
 
 use hprm::{Disk, Failure, Source};
 use hprm_declared::{Malformed, NamedProgram};
-use hprm_model::{CompileFailure, Compiled, Purpose, render_all};
+use hprm_model::{CompileFailure, Compiled, Purpose, explanation, render_all};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::intern;
 use pyo3::prelude::*;
@@ -149,8 +149,8 @@ fn in_color(py: Python<'_>) -> bool {
     is_terminal && std::env::var_os("NO_COLOR").is_none()
 }
 
-/// Whether the program that an object declares can run, and its diagnostics as text, in colour if the standard
-/// error is a terminal.
+/// Whether the program that an object declares can run, its diagnostics as text, in colour if the standard
+/// error is a terminal, and how to read more about its mistakes.
 ///
 /// # Errors
 ///
@@ -160,13 +160,20 @@ fn in_color(py: Python<'_>) -> bool {
 pub(crate) fn check_declared(
     declared: &Bound<'_, PyAny>,
     properties: Vec<String>,
-) -> PyResult<(bool, String)> {
+) -> PyResult<(bool, String, String)> {
     let py = declared.py();
     let text: String = declared.getattr(intern!(py, "text"))?.extract()?;
     let compiled = compile(&text, &properties, purpose_of(declared)?);
     let compiled = compiled.map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
     Ok(match compiled {
-        Ok(compiled) => (true, render_all(&compiled.warnings, &compiled.sources, in_color(py))),
-        Err(found) => (false, render_all(&found.diagnostics, &found.sources, in_color(py))),
+        Ok(compiled) => {
+            let warnings = render_all(&compiled.warnings, &compiled.sources, in_color(py));
+            (true, warnings, String::new())
+        }
+        Err(found) => {
+            let mistakes = render_all(&found.diagnostics, &found.sources, in_color(py));
+            let more = explanation::offer(found.diagnostics.iter().map(|it| it.code));
+            (false, mistakes, more.unwrap_or_default())
+        }
     })
 }
