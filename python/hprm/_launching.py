@@ -224,7 +224,7 @@ def launch(command: str, words: list[str], descriptors: tuple[int, ...] = ()) ->
 
 
 def _wait(start: Callable[[], subprocess.Popen[bytes]]) -> int:
-    """Start the command and wait for it; it gets the signals of this process, and stops in order."""
+    """Start the command, which gets the signals of this process, and wait until it has stopped."""
     process: subprocess.Popen[bytes] | None = None
     early: list[int] = []
 

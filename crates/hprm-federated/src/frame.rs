@@ -133,7 +133,7 @@ impl Refusal {
     pub fn hint(&self) -> Option<&'static str> {
         Some(match self {
             Self::WrongFederation => {
-                "check the federation id: the secret must be the same everywhere"
+                "check what --federation-file names: the secret must be the same everywhere"
             }
             Self::WrongProgram { .. } => "run the same files with the same properties everywhere",
             Self::WrongProtocol => "run the same version of hprm everywhere",

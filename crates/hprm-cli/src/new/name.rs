@@ -34,7 +34,7 @@ impl Name {
                 .hint("a name such as robot or robot-arm will do"))
         };
         if !stated.starts_with(|first: char| first.is_ascii_alphabetic()) {
-            return wrong("it must begin with a letter");
+            return wrong("it must begin with a letter from A to Z or a to z");
         }
         if !stated.chars().all(|char| char.is_ascii_alphanumeric() || matches!(char, '-' | '_')) {
             return wrong("it may have ASCII letters, digits, - and _ only");

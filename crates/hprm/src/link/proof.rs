@@ -66,11 +66,15 @@ pub(crate) enum Refused {
     )]
     Encrypted,
     /// Its proof is wrong.
-    #[error("the other end does not know the secret of this federation: check the federation id")]
+    #[error(
+        "the other end does not know the secret of this federation: check what --federation-file names \
+         at both ends"
+    )]
     WrongProof,
     /// It refuses the proof of this end.
     #[error(
-        "the other end refuses this process: the secret is that of another federation, so check the federation id"
+        "the other end refuses this process: the secret is that of another federation, so check what \
+         --federation-file names"
     )]
     ByOther,
 }

@@ -89,7 +89,7 @@ fn a_wrong_secret_names_itself() {
     let (address, handle) = alone(&program, &Security::default());
     let options = options(&program, FederateId(0), &address, &Security::default());
     let failure = join(&FederateOptions { federation: FederationId(8), ..options });
-    assert!(failure.to_string().contains("check the federation id"), "{failure}");
+    assert!(failure.to_string().contains("check what --federation-file names"), "{failure}");
     handle.abort();
 }
 

@@ -12,18 +12,19 @@ use std::sync::Arc;
 
 use rustls::client::WebPkiServerVerifier;
 use rustls::client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier};
-use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::pem::{self, PemObject};
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName, UnixTime};
 use rustls::server::WebPkiClientVerifier;
 use rustls::{
-    CertificateError, ClientConfig, ClientConnection, Connection, DigitallySignedStruct, Error,
-    InvalidMessage, RootCertStore, ServerConfig, ServerConnection, SignatureScheme,
+    AlertDescription, CertificateError, ClientConfig, ClientConnection, Connection,
+    DigitallySignedStruct, Error, InvalidMessage, RootCertStore, ServerConfig, ServerConnection,
+    SignatureScheme,
 };
 
 use super::TlsFiles;
-use crate::Failure;
 use crate::link::proof::Role;
 use crate::link::socket::Socket;
+use crate::{Failure, console};
 
 /// What the secret that both ends of a channel derive is for.
 const BINDING: &[u8] = b"EXPORTER-HPRM-federation";
@@ -39,13 +40,21 @@ impl Configs {
     pub(in crate::link) fn read(files: &TlsFiles) -> Result<Self, Failure> {
         let chain = certificates(&files.certificate)?;
         let key = PrivateKeyDer::from_pem_file(&files.key)
-            .map_err(|error| unreadable(&files.key, &error))?;
+            .map_err(|error| not_read(&files.key, "private key", error))?;
         let mut roots = RootCertStore::empty();
         for authority in certificates(&files.authority)? {
             roots.add(authority).map_err(|error| unreadable(&files.authority, &error))?;
         }
         let roots = Arc::new(roots);
         let unusable = |error: &dyn fmt::Display| unreadable(&files.certificate, error);
+        let unfit = |error: Error| match error {
+            Error::InconsistentKeys(_) => {
+                let other =
+                    format!("it is not the key of the certificate {}", files.certificate.display());
+                unreadable(&files.key, &other)
+            }
+            error => unusable(&error),
+        };
         let provider = Arc::new(rustls::crypto::ring::default_provider());
         let versions = [&rustls::version::TLS13];
         let clients =
@@ -57,7 +66,7 @@ impl Configs {
             .map_err(|error| unusable(&error))?
             .with_client_cert_verifier(clients)
             .with_single_cert(chain.clone(), key.clone_key())
-            .map_err(|error| unusable(&error))?;
+            .map_err(unfit)?;
         // A federate links once.
         acceptor.send_tls13_tickets = 0;
         let servers = WebPkiServerVerifier::builder_with_provider(roots, Arc::clone(&provider))
@@ -87,10 +96,22 @@ impl Configs {
 
 fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, Failure> {
     let read = CertificateDer::pem_file_iter(path).and_then(Iterator::collect::<Result<Vec<_>, _>>);
-    let certificates = read.map_err(|error| unreadable(path, &error))?;
+    let certificates = read.map_err(|error| not_read(path, "certificate", error))?;
     match certificates.is_empty() {
-        true => Err(unreadable(path, &"there is no certificate in it")),
+        true => Err(not_read(path, "certificate", pem::Error::NoItemsFound)),
         false => Ok(certificates),
+    }
+}
+
+/// The file cannot be read, or has nothing of that kind in it.
+fn not_read(path: &Path, kind: &str, error: pem::Error) -> Failure {
+    match error {
+        pem::Error::NoItemsFound => unreadable(path, &format!("there is no {kind} in it")),
+        pem::Error::Io(error) => Failure::Option {
+            message: format!("TLS cannot read {}: {}", path.display(), console::reason(&error)),
+            hint: Some("is the path right? It is relative to the current directory"),
+        },
+        error => unreadable(path, &error),
     }
 }
 
@@ -251,6 +272,14 @@ fn invalid(error: Error) -> io::Error {
              federation certificates, or none"
                 .to_owned()
         }
+        Error::AlertReceived(
+            AlertDescription::BadCertificate
+            | AlertDescription::CertificateUnknown
+            | AlertDescription::DecryptError
+            | AlertDescription::UnknownCA,
+        ) => "TLS: the other end does not accept the certificate of this process: has the authority signed it that \
+              the other end names with --tls-ca?"
+            .to_owned(),
         error => format!("TLS: {error}"),
     };
     io::Error::new(io::ErrorKind::InvalidData, words)
