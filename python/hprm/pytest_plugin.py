@@ -28,6 +28,7 @@ def run_reactor(request: pytest.FixtureRequest) -> Callable[..., Any]:
     runs = request.node.stash.setdefault(_RUNS, [])
 
     def run(reactor: Any, **options: Any) -> testing.Result:
+        __tracebackhide__ = True
         result = testing.run(reactor, **options)
         runs.append((type(reactor).__name__, result.trace))
         return result

@@ -29,7 +29,7 @@ from hprm._duration import Time
 from hprm._feeding import Events
 from hprm._hprm import nanoseconds
 from hprm._launching import check
-from hprm._mistakes import failed
+from hprm._mistakes import ProgramError, failed
 from hprm._parts import Output
 from hprm._reactions import reaction
 from hprm._reactor import Reactor
@@ -100,14 +100,22 @@ def run(
     thread, is dropped with a ``RuntimeWarning``: when it would come depends on the machine.
 
     """
-    events = Events(reactor, inputs or {})
+    # What is wrong is at the call, so pytest need not show what is below it.
+    __tracebackhide__ = True
+    try:
+        events = Events(reactor, inputs or {})
+    except (TypeError, ValueError) as error:
+        raise error.with_traceback(None) from error.__cause__
     outputs: dict[str, list[tuple[int, Any]]] = {
         name: [] for name, part in type(reactor)._hprm_parts_.items() if isinstance(part, Output)
     }
     bench = _bench(reactor, events, outputs)
     properties = ["fast=true", f"timeout={nanoseconds(timeout)} ns"]
-    declared = Declared(bench, federated=False, is_test=True)
-    check(declared, properties)
+    try:
+        declared = Declared(bench, federated=False, is_test=True)
+        check(declared, properties)
+    except ProgramError as error:
+        raise error.with_traceback(None) from error.__cause__
     with tempfile.TemporaryDirectory(prefix="hprm-") as folder:
         path = os.path.join(folder, "trace")
         failures: list[str] = []

@@ -10,6 +10,7 @@ mod diagram;
 mod frames;
 mod machines;
 mod new;
+mod numbers;
 mod ros;
 mod texts;
 mod top;
@@ -36,6 +37,7 @@ pub(crate) use crate::args::diagram::Diagram;
 pub(crate) use crate::args::frames::LogFrames;
 pub(crate) use crate::args::machines::{Agent, At, Machines, Starter, federate};
 pub(crate) use crate::args::new::{Language, New};
+use crate::args::numbers::{at_least, whole};
 pub(crate) use crate::args::ros::{Launch, Ros, RosCommand, Running};
 pub(crate) use crate::args::top::Top;
 pub(crate) use crate::args::tracing::{Summary, Trace, TraceCommand, Tracing};
@@ -158,7 +160,7 @@ pub(crate) struct Properties {
     stated: Vec<String>,
     /// How many reactions of one process may run at the same time, if they do not depend on one
     /// another; 0 is as many as there are processors. The same as --property workers=N.
-    #[arg(short, long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(..=1000))]
+    #[arg(short, long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u32>(0, 1000))]
     workers: Option<u32>,
     /// How long a process busy-polls for messages before it sleeps: a time such as 100us, off, or auto, which
     /// is short, and only where every process has a processor of its own. The same as --property spin=TIME.
@@ -168,7 +170,7 @@ pub(crate) struct Properties {
     /// swapped out; with a priority from 1 to 99, which is 50 otherwise. An error if the system forbids
     /// it. The same as --property realtime=PRIORITY.
     #[arg(long, value_name = "PRIORITY", num_args = 0..=1, require_equals = true,
-          default_missing_value = "50", value_parser = clap::value_parser!(u8).range(1..=99))]
+          default_missing_value = "50", value_parser = whole::<u8>(1, 99))]
     realtime: Option<u8>,
     /// The processors of the federates, one each in the order of the program. The same as --property
     /// cpus=[N,...].
@@ -574,7 +576,7 @@ pub(crate) struct Sim {
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "0")]
     pub(crate) seed: u64,
     /// How many seeds.
-    #[arg(long, value_name = "K", allow_negative_numbers = true, default_value = "1", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "K", allow_negative_numbers = true, default_value = "1", value_parser = at_least::<u64>(1))]
     pub(crate) seeds: u64,
     /// Print all that happens, also if nothing is wrong.
     #[arg(long)]

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 
+use super::numbers::at_least;
 use super::{Interpreter, ProgramArguments, Properties, program, seconds};
 use crate::source::Program;
 
@@ -59,7 +60,7 @@ pub(crate) struct Verify {
     #[arg(value_name = "FILE")]
     pub(crate) file: PathBuf,
     /// How often to run it.
-    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "6", value_parser = clap::value_parser!(u32).range(2..))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "6", value_parser = at_least::<u32>(2))]
     pub(crate) runs: u32,
     /// Seconds that a run may take.
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, default_value = "300", value_parser = seconds)]

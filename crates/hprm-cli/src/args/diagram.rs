@@ -8,6 +8,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use crate::args::numbers::at_least;
 use crate::args::{Interpreter, ProgramArguments, Properties, program};
 use crate::source::Program;
 
@@ -37,7 +38,7 @@ pub(crate) struct Diagram {
     pub(crate) output: Option<PathBuf>,
     /// How deep reactors are open: with 1, the contents of the main reactor are drawn, and reactors in it are
     /// closed. Without it, all are open. In a page, that is how it begins.
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least::<u32>(1))]
     pub(crate) depth: Option<u32>,
     #[command(flatten)]
     pub(crate) properties: Properties,

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::numbers::whole;
 use clap::{Args, Subcommand};
 use hprm::recorder::{DEFAULT_CAPACITY, TraceRequest};
 
@@ -13,7 +14,7 @@ pub(crate) struct Tracing {
     trace: Option<PathBuf>,
     /// How many records wait in memory for each thread until they are written; what comes then is lost, and counted.
     #[arg(long, value_name = "RECORDS", requires = "trace", default_value_t = DEFAULT_CAPACITY as u64,
-          hide_default_value = true, value_parser = clap::value_parser!(u64).range(2..=1 << 28))]
+          hide_default_value = true, value_parser = whole::<u64>(2, 1 << 28))]
     trace_buffer: u64,
 }
 

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use clap::Args;
 
+use super::numbers::at_least;
 use super::{Interpreter, seconds};
 
 /// Which federation is meant.
@@ -42,7 +43,7 @@ pub(crate) struct Echo {
     #[arg(long, conflicts_with = "count")]
     pub(crate) once: bool,
     /// Stop after so many values.
-    #[arg(short = 'n', long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(short = 'n', long, value_name = "N", value_parser = at_least::<u64>(1))]
     pub(crate) count: Option<u64>,
     /// Show long texts, lists and arrays whole.
     #[arg(long)]
