@@ -94,7 +94,7 @@ acceptance: build $(VENV)/.requirements ## the long form of some tests: pauses, 
 
 FIRST ?= 0
 sim-nightly: toolchain ## a million random federations in a simulated network; FIRST= names the first seed
-	CARGO_PROFILE_RELEASE_LTO=thin cargo run --quiet --release -p hprm-cli --features sim -- sim --seed $(FIRST) --seeds 1000000
+	cargo run --quiet --release -p hprm-cli --features sim -- sim --seed $(FIRST) --seeds 1000000
 
 conformance: build $(VENV)/.requirements ## run Lingua Franca's own tests; LF= names a checkout of its repository
 	@test -n "$(LF)" || { echo "error: which checkout? make conformance LF=path" >&2; exit 1; }
@@ -254,8 +254,8 @@ $(VENV)/.built: $(BUILT_FROM) | toolchain
 	@touch $@
 
 # The same with all features of the command: diagrams, the screen of `hprm top`, simulation, TLS, completions and manual
-# pages. Their crates take minutes to compile, and the demo needs none of them. Where they have been built once, all
-# builds have them.
+# pages, and optimized when it is linked. That takes minutes, and the demo shows the same without. Where it has been built
+# once, all builds are such.
 $(VENV)/.whole: $(BUILT_FROM) | toolchain
 	HPRM_WHOLE=1 $(BUILD)
 	@rm -f $(VENV)/.checked

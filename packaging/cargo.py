@@ -16,7 +16,7 @@ from pathlib import Path
 CRATES = ("hprm-python", "hprm-cli")
 COMMAND = "hprm"
 WHOLE = ("--features", "hprm-cli/whole")
-BARE = ("--no-default-features",)
+BARE = ("--no-default-features", "--config", "profile.release.lto=false")
 
 
 def main(words: list[str]) -> int:
