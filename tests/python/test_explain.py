@@ -110,9 +110,10 @@ def test_the_beginning_of_codes_stands_for_all_of_them() -> None:
         "LF0803",
         "LF0804",
         "LF0805",
+        "LF0806",
     ]
     codes = [it["code"] for it in explained("LF08", "LF0503")]
-    assert codes == ["LF0801", "LF0802", "LF0803", "LF0804", "LF0805", "LF0503"]
+    assert codes == ["LF0801", "LF0802", "LF0803", "LF0804", "LF0805", "LF0806", "LF0503"]
     assert hprm("explain", "LF08", "LF0503").stdout.count("LF0804") == 1
 
 

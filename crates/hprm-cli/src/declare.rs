@@ -108,6 +108,8 @@ pub(crate) fn declare<'a>(
     command.stdin(Stdio::null()).stdout(stderr);
     let Ended { status, asked } = signals::run_to_end(command).map_err(failed)?;
     if let Some(signal) = asked {
+        // That it had to be killed is told.
+        exit_code(status, path);
         return Ok(Err(Undeclared::interrupted(signal)));
     }
     if !status.success() {

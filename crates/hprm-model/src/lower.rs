@@ -70,6 +70,7 @@ pub(crate) fn lower<'a>(
         tree.builder.connection(it.connection.clone());
         origins.connections.push(it.span);
     }
+    let is_federated = tree.is_federated();
     let Tree { nodes, instances, builder, classes: used, .. } = tree;
     origins.reactors = nodes.iter().map(|node| node.model.declared.decl.header).collect();
     let program = match builder.build() {
@@ -88,6 +89,12 @@ pub(crate) fn lower<'a>(
     if !library.is_part {
         let written = origins.writers.iter().map(|(port, _)| *port);
         unconnected::check(&nodes, &connections, written, report);
+        if is_federated && program.federates.is_empty() {
+            let message = "this federation has no reactors, so nothing runs";
+            let hint = report.syntax().make_federate();
+            let header = library.reactor(main).header;
+            report.add(Diagnostic::warning("LF0806", header, message).hint(hint));
+        }
     }
     for class in &used {
         models[class.0].iter().for_each(|model| unset::check(model, &library.sources, report));

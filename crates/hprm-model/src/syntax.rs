@@ -140,6 +140,14 @@ impl Syntax {
         }
     }
 
+    /// How a federated reactor gets a federate.
+    pub(crate) fn make_federate(self) -> &'static str {
+        self.either(
+            "make one in it: `camera = new Camera()`",
+            "make reactors in its constructor, `def __init__(self)`: `self.camera = Camera()`",
+        )
+    }
+
     /// What to do about what is in no federate.
     pub(crate) fn move_into_federate(self) -> &'static str {
         self.either(
