@@ -12,10 +12,14 @@ import importlib.util
 import io
 import os
 import pickle
+import signal
 import sys
+import threading
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import Any, BinaryIO
 
 from hprm import _errors, _findings, _hprm, _parameters, _places, _threads
@@ -128,7 +132,8 @@ def _import(file: str) -> ModuleType:
         sys.modules[name] = module
     _loading.append(file)
     try:
-        spec.loader.exec_module(module)
+        with _noticed_interrupts():
+            spec.loader.exec_module(module)
     except BaseException:
         if not shared:
             del sys.modules[name]
@@ -136,6 +141,36 @@ def _import(file: str) -> ModuleType:
     finally:
         _loading.pop()
     return module
+
+
+@contextmanager
+def _noticed_interrupts() -> Iterator[None]:
+    """Let no error come of a Ctrl-C but ``KeyboardInterrupt``.
+
+    It may come in the middle of an import, and code that expects none, such as extension modules,
+    makes another error of it.
+    """
+    came = False
+
+    def notice(number: int, frame: FrameType | None) -> None:
+        nonlocal came
+        came = True
+        signal.default_int_handler(number, frame)
+
+    is_ours = threading.current_thread() is threading.main_thread()
+    if not is_ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    signal.signal(signal.SIGINT, notice)
+    try:
+        yield
+    except Exception:
+        if came:
+            raise KeyboardInterrupt from None
+        raise
+    finally:
+        if signal.getsignal(signal.SIGINT) is notice:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _module_of(file: str) -> tuple[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import venv
@@ -164,6 +165,14 @@ def test_an_interpreter_without_hprm_is_one_error(folder: Path, words: list[str]
     done = hprm(folder, "run", "--python", python, *words)
     assert (done.returncode, done.stderr.count("error: ")) == (1, 1)
     assert "No module named" not in done.stderr
+    # One that is found on the PATH only is asked, too.
+    (folder / "alone").mkdir()
+    shutil.copy(HPRM, folder / "alone" / "hprm")
+    environment = {"PATH": str(folder / "bare" / "bin"), "HOME": str(folder)}
+    alone = [str(folder / "alone" / "hprm"), "run", *words]
+    done = subprocess.run(alone, cwd=folder, env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stderr.count("error: ")) == (1, 1)
+    assert f"HPRM is not installed for the interpreter {python}" in done.stderr
     doctor = hprm(folder, "doctor", "--python", python)
     assert "python module" in doctor.stdout and "not found" not in doctor.stdout
 

@@ -215,6 +215,23 @@ def test_ctrl_c_while_a_program_is_declared_is_not_lost(tmp_path: Path, command:
     assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
 
 
+def test_ctrl_c_in_an_import_is_no_error_of_the_program(tmp_path: Path) -> None:
+    text = (
+        "import os, signal\n"
+        "try:\n    os.kill(os.getpid(), signal.SIGINT)\n    [...] * 1\n"
+        "except KeyboardInterrupt:\n    raise TypeError('expected a message argument') from None\n"
+    )
+    (tmp_path / "vision.py").write_text(text + WHOLE)
+    done = subprocess.run(
+        [str(Path(sys.executable).with_name("hprm")), "run", "vision.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        timeout=60,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
+
+
 def test_ctrl_c_before_the_command_runs_is_forwarded() -> None:
     def start() -> subprocess.Popen[bytes]:
         os.kill(os.getpid(), signal.SIGINT)

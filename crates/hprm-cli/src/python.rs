@@ -55,9 +55,22 @@ enum Answer {
 /// If there is none, or the stated one cannot be executed or has no HPRM.
 pub(crate) fn find(interpreter: &Interpreter) -> Result<PathBuf, Error> {
     match &interpreter.python {
-        Some(stated) if ask(stated)? == Answer::WithoutHprm => Err(without_hprm(stated)),
-        Some(stated) => Ok(stated.clone()),
-        None => search_here(),
+        Some(stated) => with_hprm(stated.clone()),
+        None => {
+            let here = Surroundings::of_this_process();
+            match near(&here) {
+                Some(near) => Ok(near),
+                // The command was not installed into this one.
+                None => with_hprm(found(search(&here))?),
+            }
+        }
+    }
+}
+
+fn with_hprm(python: PathBuf) -> Result<PathBuf, Error> {
+    match ask(&python)? {
+        Answer::WithHprm => Ok(python),
+        Answer::WithoutHprm => Err(without_hprm(&python)),
     }
 }
 
@@ -69,7 +82,7 @@ pub(crate) fn find(interpreter: &Interpreter) -> Result<PathBuf, Error> {
 pub(crate) fn find_any(interpreter: &Interpreter) -> Result<PathBuf, Error> {
     match &interpreter.python {
         Some(stated) => ask(stated).map(|_| stated.clone()),
-        None => search_here(),
+        None => found(search(&Surroundings::of_this_process())),
     }
 }
 
@@ -80,20 +93,25 @@ fn without_hprm(stated: &Path) -> Error {
     ))
 }
 
-fn search_here() -> Result<PathBuf, Error> {
-    let surroundings = Surroundings {
-        called: env::args_os().next(),
-        executable: env::current_exe().ok(),
-        virtual_env: env::var_os("VIRTUAL_ENV"),
-        path: env::var_os("PATH"),
-    };
-    search(&surroundings).ok_or_else(|| {
+impl Surroundings {
+    fn of_this_process() -> Self {
+        Self {
+            called: env::args_os().next(),
+            executable: env::current_exe().ok(),
+            virtual_env: env::var_os("VIRTUAL_ENV"),
+            path: env::var_os("PATH"),
+        }
+    }
+}
+
+fn found(python: Option<PathBuf>) -> Result<PathBuf, Error> {
+    python.ok_or_else(|| {
         Error::new("there is no python3 to run reactions with")
             .hint("install Python 3.10 or later, then HPRM into it: `pip install` with its wheel, or with . in a checkout")
     })
 }
 
-/// Asks a program whether it has HPRM. One that is found, and not stated, is not asked.
+/// Asks a program whether it has HPRM. One that is near the command is not asked.
 ///
 /// # Errors
 ///
@@ -137,6 +155,11 @@ pub(crate) fn module(python: &Path, command: &str) -> Command {
 }
 
 fn search(surroundings: &Surroundings) -> Option<PathBuf> {
+    near(surroundings).or_else(|| on_path(surroundings.path.as_deref()?, OsStr::new(PYTHON)))
+}
+
+/// The interpreter of the active virtual environment, or the one beside the command.
+fn near(surroundings: &Surroundings) -> Option<PathBuf> {
     let beside = [called(surroundings), surroundings.executable.clone()];
     let beside = beside.into_iter().flatten().map(|command| command.with_file_name(PYTHON));
     let active = surroundings
@@ -145,12 +168,7 @@ fn search(surroundings: &Surroundings) -> Option<PathBuf> {
         .filter(|folder| !folder.is_empty())
         .map(|folder| Path::new(folder).join("bin").join(PYTHON));
     let installed = active.clone().filter(|python| has_hprm(python));
-    installed
-        .into_iter()
-        .chain(beside)
-        .chain(active)
-        .find(|candidate| is_executable(candidate))
-        .or_else(|| on_path(surroundings.path.as_deref()?, OsStr::new(PYTHON)))
+    installed.into_iter().chain(beside).chain(active).find(|candidate| is_executable(candidate))
 }
 
 /// Whether HPRM is installed in the virtual environment of an interpreter.
