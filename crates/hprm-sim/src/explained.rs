@@ -50,10 +50,13 @@ impl Moment<'_> {
         if !blockers.is_empty() && (!left.is_empty() || !self.may(&machine, now)) {
             return Some(format!("{:?} waits for {left:?} beyond {blockers:?}", self.asked));
         }
-        // Where there are boards, a federate that reads a clock may find later that it needs no message, because of
-        // what its own clock did not cause.
-        let needs_time = blockers.iter().any(|it| matches!(it, Blocker::Time { .. }));
-        let may_pass = self.machine.reads_boards() && needs_time;
+        // Where there are boards, a federate that waits for something else, too, looks at them again when that is over,
+        // and may find then that it needs no message: because of what its own clock did not cause, or because its last
+        // tag has become due since it looked.
+        let looks_later = |it: &Blocker| {
+            matches!(it, Blocker::Time { .. } | Blocker::Stop { .. } | Blocker::Starvation)
+        };
+        let may_pass = self.machine.reads_boards() && blockers.iter().any(looks_later);
         let certain =
             blockers.iter().filter(|it| !may_pass || !matches!(it, Blocker::Message { .. }));
         certain.into_iter().find_map(|blocker| {
