@@ -9,7 +9,7 @@ use std::io;
 use std::os::fd::AsFd;
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
-use std::process::{ExitCode, ExitStatus, Stdio};
+use std::process::{ExitCode, Stdio};
 
 use hprm::{Answer, Report};
 use hprm_declared::NamedProgram;
@@ -70,14 +70,6 @@ pub(crate) struct Undeclared {
     pub(crate) interrupted: bool,
 }
 
-impl Undeclared {
-    /// By a signal that asked for the end, whatever the interpreter made of that.
-    fn interrupted(signal: i32) -> Self {
-        let code = u8::try_from(128 + signal).map_or(ExitCode::FAILURE, ExitCode::from);
-        Self { code, reports: Vec::new(), interrupted: true }
-    }
-}
-
 /// Has an interpreter declare the program at `path`. Returns the declaration, or why there is none.
 ///
 /// # Errors
@@ -106,17 +98,13 @@ pub(crate) fn declare<'a>(
     let failed = |error: io::Error| Error::new(format!("cannot run {}: {error}", python.display()));
     let stderr = io::stderr().as_fd().try_clone_to_owned().map_err(failed)?;
     command.stdin(Stdio::null()).stdout(stderr);
-    let Ended { status, asked } = signals::run_to_end(command).map_err(failed)?;
-    if let Some(signal) = asked {
-        // That it had to be killed is told.
-        exit_code(status, path);
-        return Ok(Err(Undeclared::interrupted(signal)));
-    }
-    if !status.success() {
-        let reports = answer.read().unwrap_or_default();
-        let reports = reports.lines().filter_map(|line| serde_json::from_str(line).ok());
-        let (code, reports) = (exit_code(status, path), reports.collect());
-        return Ok(Err(Undeclared { code, reports, interrupted: false }));
+    let ended = signals::run_to_end(command).map_err(failed)?;
+    let interrupted = ended.asked.is_some();
+    if interrupted || !ended.status.success() {
+        // What the interpreter made of the signal is no mistake of the program.
+        let reports = if interrupted { String::new() } else { answer.read().unwrap_or_default() };
+        let reports = reports.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+        return Ok(Err(Undeclared { code: exit_code(ended, path), reports, interrupted }));
     }
     match answer.read().map_err(unable)? {
         text if text == ENDED => {
@@ -130,17 +118,14 @@ pub(crate) fn declare<'a>(
 }
 
 /// What the command ends with, after an interpreter that has ended so.
-fn exit_code(status: ExitStatus, path: &Path) -> ExitCode {
-    let code = match (status.code(), status.signal()) {
-        (Some(code), _) => code,
-        (None, Some(signal)) => {
-            if !signals::asks_to_stop(signal) {
-                let what = format!("{} was killed by signal {signal}", path.display());
-                Error::new(what).hint("it was declaring its reactors").show();
-            }
-            128 + signal
-        }
-        (None, None) => 1,
+fn exit_code(Ended { status, asked }: Ended, path: &Path) -> ExitCode {
+    if let Some(signal) = status.signal().filter(|signal| !signals::asks_to_stop(*signal)) {
+        let what = format!("{} was killed by signal {signal}", path.display());
+        Error::new(what).hint("it was declaring its reactors").show();
+    }
+    let code = match (asked.or(status.signal()), status.code()) {
+        (Some(signal), _) => 128 + signal,
+        (None, code) => code.unwrap_or(1),
     };
     u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from)
 }

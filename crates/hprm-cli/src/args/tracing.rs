@@ -2,9 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use super::numbers::whole;
 use clap::{Args, Subcommand};
 use hprm::recorder::{DEFAULT_CAPACITY, TraceRequest};
+
+use super::numbers::whole;
 
 /// Whether the run is traced.
 #[derive(Args, Clone, PartialEq, Eq, Debug, Default)]

@@ -17,8 +17,6 @@ use rustix::mm::{MapFlags, ProtFlags};
 use super::mapping::Mapping;
 use crate::SegmentError;
 
-const READ_WRITE: ProtFlags = ProtFlags::READ.union(ProtFlags::WRITE);
-
 /// Against which changes the file is sealed: of its length, and of its seals.
 const SEALS: SealFlags = SealFlags::SHRINK.union(SealFlags::GROW).union(SealFlags::SEAL);
 
@@ -42,9 +40,7 @@ impl SharedWords {
         let flags = MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING;
         let file = fs::memfd_create("hprm-ring", flags).map_err(error("memfd_create"))?;
         fs::ftruncate(&file, len).map_err(error("ftruncate"))?;
-        let mapping = Mapping::new(&file, size, READ_WRITE, MapFlags::empty());
-        let mapping = mapping.and_then(|mapping| with_present(mapping, soon));
-        let mapping = mapping.map_err(error("mmap"))?;
+        let mapping = mapped(&file, size, soon).map_err(error("mmap"))?;
         fs::fcntl_add_seals(&file, SEALS).map_err(error("seal"))?;
         Ok((Self { mapping, count }, file))
     }
@@ -68,15 +64,16 @@ impl SharedWords {
         if actual < len {
             return Err(SegmentError::TooShort { announced: len, actual });
         }
-        let mapping = Mapping::new(file, size, READ_WRITE, MapFlags::empty());
-        let mapping = mapping.and_then(|mapping| with_present(mapping, soon));
-        Ok(Self { mapping: mapping.map_err(error("mmap"))?, count })
+        let mapping = mapped(file, size, soon).map_err(error("mmap"))?;
+        Ok(Self { mapping, count })
     }
 }
 
-/// Makes ranges of words present. Kernels before 5.14 cannot; there all are when they are used.
-fn with_present(mapping: Mapping, words: &[Range<usize>]) -> Result<Mapping, Errno> {
-    for range in words {
+/// Maps a file, and makes ranges of its words present. Kernels before 5.14 cannot; there all are when they are used.
+fn mapped(file: &OwnedFd, size: usize, soon: &[Range<usize>]) -> Result<Mapping, Errno> {
+    let prot = ProtFlags::READ | ProtFlags::WRITE;
+    let mapping = Mapping::new(file, size, prot, MapFlags::empty())?;
+    for range in soon {
         match mapping.populate(size_of(range.start).0..size_of(range.end).0) {
             Ok(()) | Err(Errno::INVAL) => {}
             Err(cause) => return Err(cause),
