@@ -53,12 +53,9 @@ impl Moment<'_> {
         // Where there are boards, a federate that waits for something else, too, looks at them again when that is over,
         // and may find then that it needs no message: because of what its own clock did not cause, or because its last
         // tag has become due since it looked.
-        let looks_later = |it: &Blocker| {
-            matches!(it, Blocker::Time { .. } | Blocker::Stop { .. } | Blocker::Starvation)
-        };
-        let may_pass = self.machine.reads_boards() && blockers.iter().any(looks_later);
-        let certain =
-            blockers.iter().filter(|it| !may_pass || !matches!(it, Blocker::Message { .. }));
+        let is_message = |it: &Blocker| matches!(it, Blocker::Message { .. });
+        let may_pass = self.machine.reads_boards() && !blockers.iter().all(is_message);
+        let certain = blockers.iter().filter(|it| !may_pass || !is_message(it));
         certain.into_iter().find_map(|blocker| {
             let others: Vec<_> = blockers
                 .iter()
