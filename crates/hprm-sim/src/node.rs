@@ -236,6 +236,17 @@ impl Node {
         self.finished && self.scheduler.leaves_early()
     }
 
+    /// How many messages of these federates did not arrive that this one had to get; if it has left, before it left.
+    pub(crate) fn missed_of<'a>(&self, senders: impl Iterator<Item = &'a Self>) -> usize {
+        let last = if self.has_left() { self.last_tag() } else { Tag::FOREVER };
+        let until = |counts: &BTreeMap<Tag, usize>| -> usize {
+            counts.range(..=last).map(|(_, n)| n).sum()
+        };
+        let sent: usize = senders.map(|node| until(&node.sent[self.me.federate])).sum();
+        // A successor may get what its predecessor did not.
+        sent.saturating_sub(until(&self.received))
+    }
+
     /// The tag at which it starts; zero, as long as that is not known.
     pub(crate) fn first_tag(&self) -> Tag {
         self.scheduler.first_tag()

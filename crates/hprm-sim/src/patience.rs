@@ -48,6 +48,7 @@ impl Patience {
         let is_disturbed = plan.stop.is_some() || plan.crash.is_some() || plan.cut.is_some();
         let blocks = |bound: Bound| bound.overflow == Overflow::Block;
         let may_block = program.connections.values().any(|it| it.bound.is_some_and(blocks));
+        let machines_fail = plan.machines.as_ref().is_some_and(|it| it.fatal().is_some());
         let has_transients = program.federates.values().any(|federate| federate.transient);
         Self {
             inputs: decentralized.then(|| inputs.collect()),
@@ -58,6 +59,7 @@ impl Patience {
             strict: !is_disturbed
                 && plan.broken.is_none()
                 && plan.broken_at_end.is_none()
+                && !machines_fail
                 && !has_transients
                 && !may_block
                 && plan.flow_limit.is_none()

@@ -333,14 +333,8 @@ impl World {
 
     /// How many messages did not arrive that a federate had to get; if it has left, before it left.
     fn lost_to(&self, me: FederateId) -> usize {
-        let Some(node) = self.find(me, |_| true).map(|me| &self.nodes[&me]) else { return 0 };
-        let last = if node.has_left() { node.last_tag() } else { Tag::FOREVER };
-        let until = |counts: &BTreeMap<Tag, usize>| -> usize {
-            counts.range(..=last).map(|(_, n)| n).sum()
-        };
-        let sent: usize = self.nodes.values().map(|node| until(&node.sent[me])).sum();
-        // A successor may get what its predecessor did not.
-        sent.saturating_sub(until(&node.received))
+        let node = self.find(me, |_| true).map(|me| &self.nodes[&me]);
+        node.map_or(0, |node| node.missed_of(self.nodes.values()))
     }
 
     fn step(&mut self, now: PhysicalTime, event: Event) -> Result<(), Fault> {

@@ -227,9 +227,11 @@ fn boards() {
         ("delayed cycle", DELAYED_CYCLE, 1, &[Depart(B)]),
     ];
     // Where tags have to become due, a federate may ask to leave while it sleeps, after it has promised more.
-    let clocks: [Case; 2] = [
+    let clocks: [Case; 3] = [
         ("clock", CLOCK, 10_000_000, &[Event(A)]),
         ("quiet leaver", QUIET_LEAVER, 2, &[Depart(A)]),
+        // What has left has relied on the one that leaves after it, too.
+        ("quiet leaver", QUIET_LEAVER, 1, &[Depart(A), Depart(B)]),
     ];
     let setting = Setting { start_delay: PAST, boards: true, ..Setting::default() };
     look_with(Setting { start_delay: 1_000, ..setting.clone() }, "centralized", &clocks);

@@ -192,10 +192,11 @@ impl Advance {
     /// that this concerns has a grant beyond that tag, and the federate itself has done nothing there.
     pub(super) fn entry(&self, topology: &Topology, federate: FederateId) -> Tag {
         let granted = topology.reachable(federate).into_iter().filter(|other| *other != federate);
-        // One that has joined again has no grant yet, but its predecessor has processed tags.
+        // One that has joined again has no grant yet, but its predecessor has processed tags. One that has read boards
+        // never had a grant, and what it has completed is known once it has left.
         let granted = granted.map(|other| {
-            let Report { granted, past, .. } = self.reports[other];
-            granted.tag.max(past).succ()
+            let Report { granted, past, completed, .. } = self.reports[other];
+            granted.tag.max(past).max(completed).succ()
         });
         let completed = self.reports[federate].completed;
         let own = match self.earliest.has_ended(federate) {

@@ -2,8 +2,8 @@
 //!
 //! Others may have relied on what the board of such a federate said about its next event. It takes that back on its
 //! board, and asks the RTI, which asks all federates downstream of it. Each of them answers once it has read that, with
-//! the latest tag that it has begun; the federate leaves after all of these. Where the RTI makes the grants itself, it
-//! knows all that (`arriving`).
+//! the latest tag that it has begun; the federate leaves after all of these, and after the last tags of those that have
+//! left. Where the RTI makes the grants itself, it knows all that (`arriving`).
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -77,8 +77,9 @@ impl Rti {
     fn end_departures(&mut self) {
         let answered = self.departures.0.iter().filter(|(_, it)| it.unanswered.is_empty());
         let answered: Vec<_> = answered.map(|(federate, it)| (*federate, it.least)).collect();
-        for (federate, tag) in answered {
+        for (federate, least) in answered {
             self.departures.0.remove(&federate);
+            let tag = self.advance.entry(&self.topology, federate).max(least);
             self.send(federate, Frame::Depart { tag });
         }
     }

@@ -115,7 +115,7 @@ impl Judge {
         let left = nodes.iter().filter(|node| node.has_left()).map(|node| node.me.federate);
         let left: BTreeSet<_> = state.left.iter().copied().chain(left).collect();
         if state.failed.is_some() || !left.is_empty() {
-            return self.early_end(state, &left);
+            return self.early_end(state, &left).or_else(|| self.missed(state));
         }
         let last = nodes.iter().map(|node| node.last_tag()).max().unwrap_or(Tag::NEVER);
         if let Some(node) = nodes.iter().find(|node| !node.finished || node.last_tag() < last) {
@@ -162,6 +162,17 @@ impl Judge {
             let name = program.reaction_name(reaction);
             (!right).then(|| format!("{name} did {is:?}, but must do {must:?}"))
         })
+    }
+
+    /// Whether federates that left in order missed what the others sent them until then.
+    fn missed(&self, state: &State) -> Option<String> {
+        if state.failed.is_some() || !state.left.is_empty() {
+            return None;
+        }
+        let nodes = || state.seats.values().map(|seat| &seat.get().node);
+        let deprived = nodes().find(|node| node.has_left() && node.missed_of(nodes()) > 0)?;
+        let name = self.topology.name(deprived.me.federate);
+        Some(format!("{name} left at {}, and a message for it came later", deprived.last_tag()))
     }
 
     fn reference(&mut self, stop: Tag, event: Option<(FederateId, Tag)>) -> Arc<Log> {
