@@ -234,6 +234,10 @@ fn wrong_sources(
         for link in links(*source) {
             // Links that the RTI does not know any more are faults, and change nothing.
             let _ = rti.handle(now, RtiInput::Frame { link, frame: Frame::Resign });
+            if lives(&rti) {
+                // One that is about to join has nothing to resign from.
+                let _ = rti.handle(now, RtiInput::Closed { link });
+            }
         }
         if lives(&rti) {
             return Some(format!("{number} waits for {source:?}, which cannot end: {member:?}"));

@@ -68,6 +68,9 @@ impl<V: Clone> Scheduler<V> {
     /// An earlier end stands.
     pub fn leave_at(&mut self, tag: Tag) {
         self.stop = self.stop.min(tag.max(self.tag.succ()).max(self.first));
+        // Messages that no reaction reads count if there is no other event until the end. This federate may have
+        // told others that it does nothing before an event that is after its end now.
+        self.unread.clear();
     }
 
     /// Whether this federate ends before the program does, as far as is known.

@@ -147,3 +147,32 @@ fn the_scheduler_of_one_federate_asks_to_leave_and_sends_beyond_its_end() {
     assert_eq!(sent, [Tag::new(15, 0), Tag::new(15, 1)]);
     assert!(scheduler.leaves_early());
 }
+
+/// Others rely on the next event that it has told them, also if it ends before that.
+#[test]
+fn a_last_tag_before_the_next_event_makes_no_earlier_event() {
+    let mut b = ProgramBuilder::new("Main", Properties::default());
+    let [a, other] = ["a", "b"].map(|name| b.reactor(b.main(), name));
+    let out = b.port(a, "out", Direction::Output);
+    let timer = b.timer(a, "t", 0, 20);
+    let effects = vec![Effect::Port(out)];
+    b.reaction(a, ReactionSpec { effects, ..on(&[Trigger::Timer(timer)]) });
+    let not_read = b.port(other, "inp", Direction::Input);
+    b.connect(out, not_read, Delay::Time(5));
+    for (reactor, name) in [(a, "a"), (other, "b")] {
+        b.federate(reactor, name, Nanos::MAX, None);
+    }
+    let program = std::sync::Arc::new(b.build().unwrap());
+    let me = program.federate_named("a").unwrap();
+    let mut scheduler = Scheduler::new(program, Scope::Federate(me));
+    scheduler.start(START);
+    scheduler.begin(Tag::START);
+    let (reaction, _) = scheduler.next_reaction(START).unwrap();
+    scheduler.set(out, 1_i64);
+    scheduler.finish(reaction);
+    scheduler.end(START);
+    assert_eq!(scheduler.next_event(), Tag::new(20, 0));
+    scheduler.leave_at(Tag::new(10, 0));
+    assert_eq!(scheduler.next_event(), Tag::FOREVER);
+    assert_eq!(scheduler.next_tag(), Tag::new(10, 0));
+}

@@ -223,6 +223,11 @@ impl Advance {
         self.refresh(topology, federate);
     }
 
+    /// At which tag a federate has been told to leave, if it has.
+    pub(super) fn told_to_leave(&self, federate: FederateId) -> Option<Tag> {
+        Some(self.reports[federate].last).filter(|last| *last < Tag::FOREVER)
+    }
+
     /// A federate ends at `last`, unless it has passed that tag.
     pub(super) fn depart(&mut self, topology: &Topology, federate: FederateId, last: Tag) {
         self.reports[federate].last = last;

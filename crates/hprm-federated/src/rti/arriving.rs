@@ -283,11 +283,15 @@ impl Rti {
     }
 
     /// Tells a federate to leave at the earliest tag for which no other federate relies on its reports yet,
-    /// but not before `least`.
+    /// but not before `least`. A federate that has been told keeps that tag, unless it has passed it: what it
+    /// asked for and what it is told may cross in transit, and it answers if it leaves later than it is told.
     pub(super) fn tell_to_leave(&mut self, federate: FederateId, least: Tag) {
-        let tag = self.entry_tag(federate).max(least);
+        let told = self.advance.told_to_leave(federate);
+        let tag = told.unwrap_or_else(|| self.entry_tag(federate)).max(least);
         self.advance.depart(&self.topology, federate, tag);
-        self.send(federate, Frame::Depart { tag });
+        if told.is_none() {
+            self.send(federate, Frame::Depart { tag });
+        }
         self.send_grants();
     }
 

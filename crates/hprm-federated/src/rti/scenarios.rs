@@ -112,6 +112,9 @@ impl Scenario {
                 let frame = Frame::Leave { tag: Tag::NEVER };
                 return self.input_on(self.links[from].1, frame);
             }
+            ["old", "wants", "to", "leave", "after", at] => {
+                return self.input_on(self.links[from].1, Frame::Depart { tag: tag(at) });
+            }
             ["joins"] => return self.hello(from),
             ["has", "loaded"] => Frame::Loaded,
             ["is", "ready"] => Frame::Ready { now: self.now },
@@ -249,5 +252,5 @@ macro_rules! scenarios {
 scenarios! {
     chain zero_delay_cycle diamond cycle dnet resign stop stop_twice stop_late patience
     departure transient transient_swap transient_cycle transient_end transient_withdraws transient_agrees
-    transient_receiver
+    transient_receiver transient_told_once
 }
