@@ -379,6 +379,20 @@ impl Decentralized {
         }
     }
 
+    /// What to report before this federate counts the messages of a peer from zero, if there are messages of its
+    /// predecessor that no report has counted. `next` is the earliest that this federate may do.
+    pub(crate) fn report_before_meeting(
+        &mut self,
+        peer: FederateId,
+        next: Step,
+    ) -> Option<(Step, Vec<Count>)> {
+        let is_from = |channel: &ChannelId| {
+            self.incoming.get(channel).is_some_and(|incoming| incoming.from == peer)
+        };
+        let lags = self.reports != Reports::None && self.unreported.0.iter().any(is_from);
+        lags.then(|| (next, self.counts(next)))
+    }
+
     /// A peer is about to join: both ends count from zero.
     pub(crate) fn meets(&mut self, topology: &Topology, peer: FederateId) {
         for (id, channel) in topology.channels().iter() {

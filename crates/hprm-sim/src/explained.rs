@@ -226,7 +226,8 @@ fn wrong_sources(
             return member.next.map(|_| format!("{number} waits for itself: {member:?}"));
         }
         let lives = |rti: &Rti| {
-            rti.members(now).nth(source.index()).is_some_and(|it| it.standing != Standing::Gone)
+            let source = rti.members(now).nth(source.index());
+            source.is_some_and(|it| matches!(it.standing, Standing::Joined | Standing::Ready))
         };
         if !lives(&rti) {
             return Some(format!("{number} waits for {source:?}, which has ended: {member:?}"));

@@ -294,9 +294,36 @@ fn a_predecessor_that_stands_still_does_not_block_its_successor() {
     assert!(input(&mut machine, 0, Input::FromRti(Frame::Joining { peer })).is_empty());
     assert!(input(&mut machine, second, Input::Wake).is_empty());
     let outputs = input(&mut machine, 2 * second, Input::Wake);
-    let met = Frame::Met { federate: from, incarnation: 7, after: Tag::NEVER };
-    let expected = [Output::Disconnect(from), Output::OwnerGone(from), Output::ToRti(met)];
+    let counts = vec![Count { channel: ChannelId(0), messages: u64::MAX }];
+    let frames = [
+        Frame::Progress { next: Step::begin(Tag::START), counts },
+        Frame::Met { federate: from, incarnation: 7, after: Tag::NEVER },
+    ];
+    let mut expected = vec![Output::Disconnect(from), Output::OwnerGone(from)];
+    expected.extend(frames.map(Output::ToRti));
     assert_eq!(outputs, expected);
+}
+
+/// The RTI forgets what a predecessor has sent when it knows that its receivers have met the successor.
+#[test]
+fn messages_of_a_predecessor_are_reported_before_its_successor_is_met() {
+    let from = FederateId(0);
+    let mut machine = started("decentralized\ntransient a\na -> b", "b", 2, &[0]);
+    let report = |next, counts| Output::ToRti(Frame::Progress { next: Step::begin(next), counts });
+    let now = 20 * MILLISECOND;
+    let outputs = input(&mut machine, now, Input::NextEvent(at(5)));
+    assert_eq!(outputs, [report(at(5), Vec::new())]);
+    // The next report is due ten milliseconds after this one.
+    input(&mut machine, now, Input::FromPeer { from, frame: message(0, at(3)) });
+    assert_eq!(input(&mut machine, now, Input::NextEvent(at(3))), []);
+    input(&mut machine, now, Input::FromPeer { from, frame: Frame::Resign });
+    input(&mut machine, now, Input::PeerLost(from));
+    input(&mut machine, now, Input::FromRti(Frame::Gone { federate: from, in_order: true }));
+    let peer = Peer { federate: from, incarnation: 7, host: HostId(1), listen: None };
+    let outputs = input(&mut machine, now, Input::FromRti(Frame::Joining { peer }));
+    let counts = vec![Count { channel: ChannelId(0), messages: u64::MAX }];
+    let met = Output::ToRti(Frame::Met { federate: from, incarnation: 7, after: Tag::NEVER });
+    assert_eq!(outputs, [report(Tag::START, counts), met]);
 }
 
 #[test]

@@ -262,6 +262,11 @@ impl Advance {
         report.completed = report.completed.max(tag);
     }
 
+    /// A federate has completed the last tag of the program.
+    pub(super) fn completed_all(&mut self, federate: FederateId) {
+        self.left(federate, self.stop);
+    }
+
     /// A federate has completed `tag`.
     pub(super) fn complete(&mut self, topology: &Topology, federate: FederateId, tag: Tag) {
         let report = &mut self.reports[federate];

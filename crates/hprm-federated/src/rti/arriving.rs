@@ -346,6 +346,8 @@ impl Rti {
         arrival.after = arrival.after.max(tag);
         if arrival.met.insert(neighbour) {
             self.traffic.meet(&self.topology, neighbour, federate);
+            // What the predecessor may have sent keeps others waiting no more.
+            self.send_grants();
         }
         self.link_up(federate);
         self.start_late(federate);

@@ -115,6 +115,10 @@ impl Rti {
     pub(super) fn resigned(&mut self, federate: FederateId) {
         self.ended = true;
         self.refuse_arrivals();
+        if self.boards {
+            // It has relied on those upstream to the end, and those may ask to leave after this.
+            self.advance.completed_all(federate);
+        }
         if let Negotiation::Asking { latest, .. } = &mut self.stop {
             *latest = Tag::FOREVER;
         }
