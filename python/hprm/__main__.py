@@ -39,6 +39,10 @@ def main() -> NoReturn:
         from hprm import _viewing
 
         leave(_viewing.view(options))
+    if options.command == "mirror":
+        from hprm import _mirroring
+
+        leave(_mirroring.mirror(options))
     if options.command == "bag":
         from hprm.ros._bags import command
 
@@ -160,6 +164,30 @@ class _Parser(argparse.ArgumentParser):
         super().__init__(formatter_class=_formatter, **options)
 
 
+def _add_watching(commands: Any) -> None:
+    """Add the commands that watch a running federation."""
+    view = commands.add_parser("view", help="show what a running federation sends in Foxglove")
+    view.add_argument("--host", default="127.0.0.1", help="where to listen for viewers")
+    view.add_argument("--port", type=int, default=8765, help="the port; 0 for any")
+    view.add_argument("--of", metavar="FEDERATION", help="the federation, if several run")
+    view.add_argument(
+        "--wait", type=int, default=0, metavar="NANOSECONDS", help="how long to wait for it"
+    )
+    view.add_argument("ports", nargs="*", help="federates and their ports; all if there are none")
+    mirror = commands.add_parser("mirror", help="send what passes a connection to a key of Zenoh")
+    mirror.add_argument("--of", metavar="FEDERATION", help="the federation, if several run")
+    mirror.add_argument(
+        "--wait", type=int, default=0, metavar="NANOSECONDS", help="how long to wait for it"
+    )
+    mirror.add_argument("--key", help="the key")
+    mirror.add_argument("--topic", metavar="NAME", help="a topic of ROS 2 instead")
+    mirror.add_argument("--as", dest="form", choices=["raw", "json", "cdr"], default="raw")
+    mirror.add_argument("--type", help="the type of messages, as std_msgs/msg/String")
+    mirror.add_argument("--zenoh", metavar="ENDPOINT", required=True, help="where the router is")
+    mirror.add_argument("--domain-id", metavar="NUMBER", help="the domain of the topic")
+    mirror.add_argument("port", metavar="FED.PORT", help="a federate and its port")
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="python -m hprm", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
@@ -200,14 +228,7 @@ def _parser() -> argparse.ArgumentParser:
     declare.add_argument("arguments", nargs=argparse.REMAINDER, help="for the program, in sys.argv")
     syntax = commands.add_parser("syntax", help="find mistakes in the Python of programs")
     syntax.add_argument("files", nargs="+", help="the .lf files")
-    view = commands.add_parser("view", help="show what a running federation sends in Foxglove")
-    view.add_argument("--host", default="127.0.0.1", help="where to listen for viewers")
-    view.add_argument("--port", type=int, default=8765, help="the port; 0 for any")
-    view.add_argument("--of", metavar="FEDERATION", help="the federation, if several run")
-    view.add_argument(
-        "--wait", type=int, default=0, metavar="NANOSECONDS", help="how long to wait for it"
-    )
-    view.add_argument("ports", nargs="*", help="federates and their ports; all if there are none")
+    _add_watching(commands)
     bag = commands.add_parser("bag", help="look at bags of ROS 2, and convert them")
     of_bags = bag.add_subparsers(dest="bag", required=True)
     info = of_bags.add_parser("info", help="say what is in bags")

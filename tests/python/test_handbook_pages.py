@@ -43,12 +43,13 @@ NOT_RUN = {
 def test_a_page_tells_the_truth(page: str, tmp_path: Path) -> None:
     if "openssl" in (DOCS / page).read_text() and shutil.which("openssl") is None:
         pytest.skip("openssl, which the page calls, is missing")
-    rti, federate, viewers = free_ports(3)
+    rti, federate, viewers, router = free_ports(4)
     stand_ins = {
         "robot.local": "127.0.0.1",
         "15045": str(rti),
         "15046": str(federate),
         "8765": str(viewers),
+        "7447": str(router),
         "unix:@robot": f"unix:@hprm-{uuid.uuid4().hex}",
     }
     Story(DOCS / page, tmp_path, stand_ins).run()

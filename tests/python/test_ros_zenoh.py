@@ -423,7 +423,11 @@ def test_a_router_of_another_machine_is_joined_as_a_client(bench: Bench, peer: P
 def test_wrong_settings_are_one_error(bench: Bench, tmp_path: Path) -> None:
     port = free_ports(1)[0]
     for words, variables, parts in [
-        ([f"--zenoh=tcp/0.0.0.0:{port}"], {}, ["there is no bridge", "Unable to connect"]),
+        (
+            [f"--zenoh=tcp/0.0.0.0:{port}"],
+            {},
+            ["there is no session of Zenoh", "Unable to connect"],
+        ),
         (["--zenoh=7447"], {}, ["'7447' is no endpoint of Zenoh", "hint: one is tcp/localhost"]),
         (["--zenoh", "--domain-id=233"], {}, ["'233' is no domain", "0 to 232"]),
         (["--zenoh"], {"ROS_DOMAIN_ID": "robot"}, ["'robot' is no domain", "ROS_DOMAIN_ID"]),

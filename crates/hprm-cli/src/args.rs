@@ -9,6 +9,7 @@ mod compose;
 mod diagram;
 mod frames;
 mod machines;
+mod mirroring;
 mod new;
 mod numbers;
 mod ros;
@@ -36,6 +37,7 @@ pub(crate) use crate::args::compose::Compose;
 pub(crate) use crate::args::diagram::Diagram;
 pub(crate) use crate::args::frames::LogFrames;
 pub(crate) use crate::args::machines::{Agent, At, Machines, Starter, federate};
+pub(crate) use crate::args::mirroring::Mirror;
 pub(crate) use crate::args::new::{Language, New};
 use crate::args::numbers::{at_least, whole};
 pub(crate) use crate::args::ros::{Launch, Ros, RosCommand, Running};
@@ -69,6 +71,7 @@ impl Arguments {
             | Command::Trace(_)
             | Command::Echo(_)
             | Command::Rate(_)
+            | Command::Mirror(_)
             | Command::Bag(_)
             | Command::Ros(_)
             | Command::Launch(_)
@@ -121,6 +124,7 @@ pub(crate) enum Command {
     Verify(Verify),
     Echo(Echo),
     Rate(Rate),
+    Mirror(Mirror),
     Bag(Bag),
     Rti(RtiArguments),
     Federate(FederateArguments),

@@ -107,6 +107,7 @@ fn command() -> ExitCode {
         Command::Verify(verify) => verify::verify(&verify),
         Command::Echo(echo) => watching::echo(&echo),
         Command::Rate(rate) => watching::rate(&rate),
+        Command::Mirror(wanted) => Err(watching::become_mirror(&wanted)),
         Command::Bag(wanted) => bag::bag(&wanted),
         Command::Rti(rti) => rti::rti(rti),
         Command::Federate(federate) => run::federate(&federate),

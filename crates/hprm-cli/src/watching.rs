@@ -1,7 +1,7 @@
 //! `hprm echo` and `hprm rate`: watching connections of a running federation, from outside.
 //!
 //! `hprm::watch` finds the federation and connects to its federates. `echo.rs` and `rate.rs` are the commands, `value.rs`
-//! shows values as text and `json.rs` as JSON, and `viewer.rs` leaves that to a viewer.
+//! shows values as text and `json.rs` as JSON, and `viewer.rs` leaves that to a viewer, or to Zenoh: `hprm mirror`.
 
 mod echo;
 mod json;
@@ -12,6 +12,7 @@ mod viewer;
 
 pub(crate) use echo::echo;
 pub(crate) use rate::rate;
+pub(crate) use viewer::become_mirror;
 
 use std::sync::mpsc::SyncSender;
 use std::thread;

@@ -1,4 +1,4 @@
-"""Opening the session of Zenoh, as a program of ROS 2 does: with a router, or as one.
+"""Opening a session of Zenoh, as a program of ROS 2 does: with a router, or as one.
 
 A router on this machine lets programs find one another. If none listens where it should be, the
 session is the router itself, so that two runs on one machine need nothing else.
@@ -117,8 +117,8 @@ def _library() -> Any:
         if (missing.name or "").partition(".")[0] != "zenoh":
             raise
         raise BridgeError(
-            f"the package eclipse-zenoh is not installed for {sys.executable}, and the bridge to"
-            f" ROS 2 needs it\n  hint: install it there: {sys.executable} -m pip install"
+            f"the package eclipse-zenoh is not installed for {sys.executable}, so nothing can be"
+            f" sent over Zenoh\n  hint: install it there: {sys.executable} -m pip install"
             " 'hprm[zenoh]'"
         ) from None
     return zenoh
@@ -140,7 +140,7 @@ def _open(library: Any, stated: dict[str, Any], endpoint: str) -> zenoh.Session:
     except library.ZError as error:
         # The rest is where in Zenoh's source it was noticed.
         why = str(error).partition(" at /")[0]
-        raise BridgeError(f"there is no bridge to ROS 2 over Zenoh at {endpoint}: {why}") from None
+        raise BridgeError(f"there is no session of Zenoh at {endpoint}: {why}") from None
     return session
 
 
