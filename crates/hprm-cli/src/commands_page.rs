@@ -49,7 +49,10 @@ fn section(page: &mut String, command: &Command, name: &str) {
     let usage = command.clone().render_usage().to_string();
     let usage = usage.trim_start_matches("Usage: ").trim();
     let _ = write!(page, "\n## hprm {name}\n\n{}\n", about.join("\n\n"));
-    let _ = write!(page, "\n```\n{usage}\n```\n");
+    let _ = match usage.contains('\n') {
+        true => write!(page, "\n```\n{usage}\n```\n"),
+        false => write!(page, "\n`{usage}`\n"),
+    };
     let arguments: Vec<_> =
         command.get_arguments().filter(|it| !it.is_hide_set() && it.get_id() != "help").collect();
     let (positional, options): (Vec<_>, Vec<_>) =
