@@ -283,14 +283,14 @@ impl Decentralized {
     }
 
     /// All levels of `next`'s tag before its own are done. Returns the channels on which no message comes at that
-    /// tag, as their receivers must learn: every writer of such a channel has run, or will not run because
-    /// nothing can arrive any more that triggers it.
+    /// tag, as their receivers must learn, and the last level at which one of them could be written: every writer of
+    /// such a channel has run, or will not run because nothing may trigger it any more.
     pub(crate) fn absent_channels(
         &mut self,
         next: Step,
         now: PhysicalTime,
         start: PhysicalTime,
-    ) -> Vec<(FederateId, ChannelId)> {
+    ) -> (Vec<(FederateId, ChannelId)>, Option<u32>) {
         let tag = next.tag;
         let open = self.cyclic.iter();
         let open = open.filter(|(_, c)| c.settled < tag && c.last_writer < next.level);
@@ -299,12 +299,14 @@ impl Decentralized {
             self.permission(Step { tag, level }, now, start) == Permission::Granted
         });
         let done: Vec<_> = done.map(|(id, cyclic)| (cyclic.to, *id)).collect();
+        let mut last = None;
         for (_, id) in &done {
             if let Some(cyclic) = self.cyclic.get_mut(id) {
                 cyclic.settled = tag;
+                last = last.max(Some(cyclic.last_writer));
             }
         }
-        done
+        (done, last)
     }
 
     /// No message comes on a channel up to `tag`.

@@ -554,7 +554,9 @@ impl Federate {
     /// All levels of the current tag before a step are done.
     fn passed_levels(&mut self, now: PhysicalTime, next: Step) {
         self.learn_from_boards();
-        self.report_absent_ports(next, now);
+        if let Some(level) = self.report_absent_ports(next, now) {
+            self.outputs.push_back(Output::Passed(level));
+        }
         self.activity = match self.step_permission(next, now) {
             Permission::Granted => Activity::Processing,
             Permission::Wait | Permission::WaitUntil(_) => Activity::Within(next),
@@ -587,19 +589,21 @@ impl Federate {
     }
 
     /// All steps before `next` are done: tells the other federates of a cycle without delay which channels to
-    /// them carry no message at the current tag.
-    fn report_absent_ports(&mut self, next: Step, now: PhysicalTime) {
+    /// them carry no message at the current tag. Returns the last level through which that is said.
+    fn report_absent_ports(&mut self, next: Step, now: PhysicalTime) -> Option<u32> {
         let (Coordinator::Decentralized(machine), Some(start)) =
             (&mut self.coordinator, self.startup.start())
         else {
-            return;
+            return None;
         };
-        for (to, channel) in machine.absent_channels(next, now, start) {
+        let (absent, last) = machine.absent_channels(next, now, start);
+        for (to, channel) in absent {
             if self.startup.is_linked(to) {
                 let frame = Frame::PortAbsent { channel, tag: next.tag };
                 self.outputs.push_back(Output::ToPeer { to, frame });
             }
         }
+        last
     }
 
     /// Reports the next event to the RTI, if the scheduler has reported it and the RTI needs to know.

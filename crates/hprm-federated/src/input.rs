@@ -171,6 +171,9 @@ pub enum Output {
     Post(Posting),
     /// Close the direct links to a federate. What still comes on them means nothing.
     Disconnect(FederateId),
+    /// Messages that are read at this level of the current tag, or at an earlier one, are tardy from now on: others
+    /// have been told that nothing comes of them.
+    Passed(u32),
     /// The federation ends at this tag.
     SetStop(Tag),
     /// This federate ends at this tag, or at the next one if that has passed, and the federation may

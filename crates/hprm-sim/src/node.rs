@@ -301,6 +301,7 @@ impl Node {
                     self.machine.assign_tag(channel, tag);
                     self.mailboxes.arrived(&self.scheduler, channel, tag);
                 }
+                Output::Passed(level) => self.scheduler.pass(level),
                 Output::SetStop(tag) => self.scheduler.set_stop(tag),
                 Output::LeaveAt(tag) => self.scheduler.leave_at(tag),
                 Output::Ended { reason } => self.ended = Some(reason),

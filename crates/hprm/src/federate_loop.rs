@@ -669,6 +669,7 @@ where
                 }
             }
             Output::Disconnect(peer) => links.disconnect(peer),
+            Output::Passed(level) => self.scheduler.pass(level),
             Output::SetStop(tag) => self.scheduler.set_stop(tag),
             Output::LeaveAt(tag) => self.scheduler.leave_at(tag),
             Output::Segment { owner, segment, len } => {
@@ -682,18 +683,20 @@ where
                 objects.store().reader_lost(federate);
             }
             Output::OwnerGone(federate) => objects.store().owner_lost(federate),
-            Output::Ended { reason } => {
-                let failure =
-                    failure_of_end(self.scheduler.program(), self.federation.me(), reason);
-                if let Failure::OtherFederateFailed(report) = &failure {
-                    self.host.other_federate_failed(report);
-                }
-                // A federate that a signal has interrupted ends because of the signal, even if the failure of
-                // another federate has kept it from stopping in order.
-                return Err(if self.interrupted { self.interruption() } else { failure });
-            }
+            Output::Ended { reason } => return Err(self.ended(reason)),
         }
         Ok(())
+    }
+
+    /// Why the loop ends, if the federation has ended for this federate.
+    fn ended(&mut self, reason: End) -> Failure {
+        let failure = failure_of_end(self.scheduler.program(), self.federation.me(), reason);
+        if let Failure::OtherFederateFailed(report) = &failure {
+            self.host.other_federate_failed(report);
+        }
+        // A federate that a signal has interrupted ends because of the signal, even if the failure of another
+        // federate has kept it from stopping in order.
+        if self.interrupted { self.interruption() } else { failure }
     }
 
     fn receive(&mut self, channel: ChannelId, payload: Payload) -> Result<H::Value, Failure> {

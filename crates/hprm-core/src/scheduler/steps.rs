@@ -28,9 +28,9 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// Notes that all reactions of `level` and below have run, and sends the values that cannot change any
-    /// more.
+    /// more. A message that is read there for the first time is tardy from now on.
     pub fn pass(&mut self, level: u32) {
-        self.current.level = Some(level.saturating_add(1));
+        self.current.level = self.current.level.max(Some(level.saturating_add(1)));
         let is_final = |root: &PortId| {
             self.last_writer(*root).is_some_and(|last| last <= level)
                 && !self.current.sent_ports.contains(root)

@@ -304,6 +304,22 @@ fn a_predecessor_that_stands_still_does_not_block_its_successor() {
     assert_eq!(outputs, expected);
 }
 
+/// On a cycle without a delay, another federate relies on it that nothing comes. So a message that would have changed
+/// that is tardy, although the tag is still open.
+#[test]
+fn levels_of_which_others_know_that_nothing_comes_are_passed() {
+    let text = "decentralized\nmaxwait 500\na -> b\nb -> a";
+    let mut machine = started(text, "b", 2, &[0]);
+    input(&mut machine, 0, Input::NextEvent(at(0)));
+    assert_eq!(input(&mut machine, 500, Input::Begun(at(0))), []);
+    assert_eq!(input(&mut machine, 499, Input::Reached(None)), []);
+    // It reads at level 1 and writes at level 2.
+    let absent = Frame::PortAbsent { channel: ChannelId(1), tag: at(0) };
+    let told = [Output::ToPeer { to: FederateId(0), frame: absent }, Output::Passed(2)];
+    assert_eq!(input(&mut machine, 500, Input::Reached(None)), told);
+    assert_eq!(input(&mut machine, 500, Input::Reached(None)), []);
+}
+
 /// The RTI forgets what a predecessor has sent when it knows that its receivers have met the successor.
 #[test]
 fn messages_of_a_predecessor_are_reported_before_its_successor_is_met() {
