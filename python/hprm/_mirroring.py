@@ -9,14 +9,18 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
+import signal
 import sys
+import threading
+import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Protocol
 
 from hprm import _hprm
 from hprm._hprm import WatchedMessage
-from hprm._payloads import Form, Payload, Unsendable, as_json, message_of, raw
+from hprm._payloads import Form, Payload, Unsendable, as_json, raw
 from hprm._watching import WatchError
 
 if TYPE_CHECKING:
@@ -24,6 +28,12 @@ if TYPE_CHECKING:
 
 #: The node of ROS 2 that has the topic.
 _NODE = "/hprm_mirror"
+
+#: The most characters of a key: Zenoh fails with those that do not fit into one of its packets.
+_LONGEST_KEY = 1024
+
+#: For how many seconds the session may tell others that it ends.
+_CLOSING_S = 2.0
 
 
 class Sender(Protocol):
@@ -38,6 +48,9 @@ class Sender(Protocol):
 
 def mirror(options: argparse.Namespace) -> int:
     """Mirror a connection until its federation ends. Return the exit code."""
+    # They end it as Ctrl-C does, so that what was not sent is told.
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.default_int_handler)
     try:
         return _mirror(options)
     except WatchError as error:
@@ -51,8 +64,16 @@ def _mirror(options: argparse.Namespace) -> int:
     from hprm.ros._zenoh.session import BridgeError, Settings, open_session
 
     kind = None if options.type is None else _class_of(options.type)
+    if options.topic is None:
+        _check_key(options.key)
+        if kind is not None and options.form != "cdr":
+            raise WatchError("--type is for messages of ROS 2", "use --as cdr, or --topic")
+    else:
+        options.topic = _full_name(options.topic)
     try:
-        settings = Settings.of(options.zenoh, options.domain_id, [])
+        # A key has no domain.
+        domain = "0" if options.topic is None else options.domain_id
+        settings = Settings.of(options.zenoh, domain, [])
         # Where there is nothing to mirror, no session is opened.
         with _hprm.watch_ports(
             [options.port], options.of, options.wait, False, options=True
@@ -60,10 +81,10 @@ def _mirror(options: argparse.Namespace) -> int:
             session = open_session(settings.endpoint, _tell)
             try:
                 sender = _sender(session, settings.domain, options, kind)
-                print(f"{options.port} is on {sender.where}; Ctrl-C ends", flush=True)
+                _say(f"{options.port} is on {sender.where}; Ctrl-C ends")
                 _send_all(messages, sender)
             finally:
-                session.close()  # type: ignore[no-untyped-call]
+                _close(session)
     except BridgeError as error:
         message, _, hint = str(error).partition("\n  hint: ")
         raise WatchError(message, hint or None) from None
@@ -75,23 +96,26 @@ def _sender(
     session: zenoh.Session, domain: int, options: argparse.Namespace, kind: Any
 ) -> Topic | Key:
     if options.topic is not None:
-        return Topic(session, domain, "/" + options.topic.strip("/"), options.type, kind)
-    forms: dict[str, Form] = {"raw": raw, "json": as_json, "cdr": lambda it: _cdr(kind, it)}
-    return Key(session, options.key, forms[options.form])
+        return Topic(session, domain, options.topic, kind)
+    if options.form == "cdr":
+        return Key(session, options.key, lambda it: _cdr(kind, it))
+    form: Form = {"raw": raw, "json": as_json}[options.form]
+    return Key(session, options.key, lambda it: form(it.value))
 
 
 def _send_all(messages: Iterable[WatchedMessage], sender: Sender) -> None:
     """Send all values, and say what has not been sent."""
     missed, unsent = 0, Counter[str]()
-    # What passed before this began to send is none of it.
-    begun: set[str] = set()
+    # What passed before is none of this, also if the next message tells that it was missed.
+    begins, begun = time.time_ns(), set[str]()
     try:
         for message in messages:
             if message.missed and message.port in begun:
                 if not missed:
                     _tell(f"warning: messages of {message.port} pass faster than they are mirrored")
                 missed += message.missed
-            begun.add(message.port)
+            if message.sent >= begins:
+                begun.add(message.port)
             try:
                 sender.send(message)
             except (Unsendable, WatchError) as error:
@@ -108,26 +132,20 @@ def _send_all(messages: Iterable[WatchedMessage], sender: Sender) -> None:
 class Key:
     """A plain key: any program that uses Zenoh can subscribe to it."""
 
-    def __init__(self, session: zenoh.Session, key: str, form: Form) -> None:
-        """Declare a publisher. Raises ``WatchError`` if there can be none."""
+    def __init__(
+        self, session: zenoh.Session, key: str, form: Callable[[WatchedMessage], Payload]
+    ) -> None:
+        """Declare a publisher."""
         import zenoh
 
-        try:
-            if "*" in key:
-                raise WatchError(f"{key!r} is no key to send to: `*` stands for several keys")
-            self._publisher = session.declare_publisher(key)
-        except zenoh.ZError as error:
-            why = str(error).partition(" at /")[0]
-            raise WatchError(
-                f"{key!r} is no key of Zenoh: {why}", "one is robot/camera/image"
-            ) from None
+        self._publisher = session.declare_publisher(key)
         self._encoding = zenoh.Encoding
         self._form = form
         self.where = f"the key {key}"
 
     def send(self, message: WatchedMessage) -> None:
         """Send a value, and its tag as the attachment."""
-        data, encoding = self._form(message.value)
+        data, encoding = self._form(message)
         tag = message.tag
         about: dict[str, Any] = {"port": message.port, "sent": message.sent}
         if tag is not None:
@@ -140,15 +158,14 @@ class Key:
 class Topic:
     """A topic of ROS 2, as nodes see it that run with rmw_zenoh."""
 
-    def __init__(
-        self, session: zenoh.Session, domain: int, name: str, type_: str, kind: Any
-    ) -> None:
+    def __init__(self, session: zenoh.Session, domain: int, name: str, kind: Any) -> None:
         """Declare a node and its publisher."""
         from hprm.ros._graph import Endpoint
+        from hprm.ros._messages import type_name
         from hprm.ros._zenoh.arrivals import Arrivals
         from hprm.ros._zenoh.endpoints import Local
 
-        local = Local(session, domain, Arrivals(_tell))
+        local, type_ = Local(session, domain, Arrivals(_tell)), type_name(kind)
         quality = {"reliability": "RELIABLE", "durability": "VOLATILE", "depth": 10}
         local.declare(0, Endpoint("publisher", _NODE, name, type_, quality))
         found = local.publisher(0, name)
@@ -160,21 +177,20 @@ class Topic:
         self.where = f"the topic {name} of ROS 2, as {type_}"
 
     def send(self, message: WatchedMessage) -> None:
-        """Send a value; a header without a stamp gets the time of the tag."""
-        made = message_of(self._kind, message.value)
-        _stamp(made, message.sent if message.tag is None else message.tag.time)
-        self._publisher.put(_serialized(made), attachment=self._numbers.attachment().pack())
+        """Send a value."""
+        data = _cdr(self._kind, message).data
+        self._publisher.put(data, attachment=self._numbers.attachment().pack())
 
 
-def _cdr(kind: Any, value: Any) -> Payload:
-    return Payload(_serialized(message_of(kind, value)), "application/cdr")
-
-
-def _serialized(message: Any) -> bytes:
+def _cdr(kind: Any, message: WatchedMessage) -> Payload:
+    """Return a message of ROS 2 as bytes; a header without a stamp gets the time of the tag."""
+    from hprm.ros._filling import message_of
     from hprm.ros._messages.cdr import SERIALIZER, SerializationError
 
+    made = message_of(kind, message.value)
+    _stamp(made, message.sent if message.tag is None else message.tag.time)
     try:
-        return bytes(SERIALIZER.serialize(message))
+        return Payload(bytes(SERIALIZER.serialize(made)), "application/cdr")
     except SerializationError as error:
         raise Unsendable(str(error)) from None
 
@@ -195,6 +211,50 @@ def _class_of(name: str) -> Any:
     if not hasattr(kind, "get_fields_and_field_types"):
         raise WatchError(f"{name} is no type of messages", "one is std_msgs/msg/String")
     return kind
+
+
+def _check_key(key: str) -> None:
+    """Refuse what is no key, or stands for several, before anything is opened."""
+    wrong = None
+    if not key or key.startswith("/") or key.endswith("/") or "//" in key:
+        wrong = "each part between two `/` has a name"
+    elif found := re.search(r"[*$?#\s]|[^ -~\u00a0-\U0010ffff]", key):
+        wrong = f"{found[0]!r} has no place in a key to send to"
+    elif key.startswith("@"):
+        wrong = "keys with @ at their beginning are Zenoh's own"
+    elif len(key) > _LONGEST_KEY:
+        wrong, key = f"it has more than {_LONGEST_KEY} characters", f"{key[:20]}..."
+    if wrong is not None:
+        raise WatchError(f"{key!r} is no key: {wrong}", "one is robot/camera/image")
+
+
+def _full_name(topic: str) -> str:
+    """Return the full name of a topic."""
+    from hprm.ros._names import full_topic_error
+
+    name = topic if topic.startswith("/") else f"/{topic}"
+    wrong = full_topic_error(name)
+    if wrong is not None:
+        shown = topic if len(topic) < 60 else f"{topic[:20]}..."
+        raise WatchError(f"{shown!r} is no name of a topic: {wrong[0]}", "one is /robot/speed")
+    return name
+
+
+def _close(session: zenoh.Session) -> None:
+    """Close the session, but do not wait for a subscriber that stands still."""
+    closing = threading.Thread(target=session.close, name="closing", daemon=True)
+    closing.start()
+    closing.join(_CLOSING_S)
+
+
+def _say(text: str) -> None:
+    """Print the only line of the standard output; that nothing reads it changes nothing."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        return
+    except OSError as error:
+        raise WatchError(f"the standard output cannot be written: {error.strerror}") from None
 
 
 def _tell(text: str) -> None:

@@ -1,7 +1,8 @@
 """Values as bytes for programs that know nothing of HPRM: what ``hprm mirror`` sends.
 
 A value has one form, which the user names; nothing is guessed from the value. What has no such form
-raises ``Unsendable``. This does not know where the bytes go.
+raises ``Unsendable``. Messages of ROS 2 are made in ``hprm.ros._filling``; this does not know where
+the bytes go.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
+
+#: The kinds of arrays that are numbers or truth values: their bytes can be read by their type.
+_KINDS = "biufc"
 
 
 class Unsendable(Exception):
@@ -32,40 +35,51 @@ Form = Callable[[Any], Payload]
 
 
 def raw(value: Any) -> Payload:
-    """Return the bytes of bytes, of a text in UTF-8, or of an array in C order.
+    """Return the bytes of bytes, of a text in UTF-8, or of an array of numbers in C order.
 
-    A number of NumPy is an array without dimensions.
-
-    The encoding of an array has its type and its shape: ``zenoh/bytes;|u1[480,640,3]``.
+    A number of NumPy is an array without dimensions. The encoding of an array has its type and its
+    shape: ``zenoh/bytes;|u1[480,640,3]``.
     """
-    if isinstance(value, (np.ndarray, np.generic)) and not value.dtype.hasobject:
+    if isinstance(value, (np.ndarray, np.generic)) and not isinstance(value, (np.str_, np.bytes_)):
+        if isinstance(value, np.ma.MaskedArray) or value.dtype.kind not in _KINDS:
+            raise Unsendable(f"{kind_of(value)} of {value.dtype} has no bytes that others can read")
         shape = ",".join(map(str, value.shape))
         return Payload(value.tobytes(), f"zenoh/bytes;{value.dtype.str}[{shape}]")
     if isinstance(value, str):
-        return Payload(value.encode(), "zenoh/string")
+        return Payload(_utf8(value), "zenoh/string")
     if isinstance(value, (bytes, bytearray, memoryview)):
         return Payload(bytes(value), "zenoh/bytes")
-    raise Unsendable(f"{_kind(value)} is no bytes, no text and no array; --as json sends it")
+    raise Unsendable(f"{kind_of(value)} is no bytes, no text and no array; try --as json")
 
 
 def as_json(value: Any) -> Payload:
-    """Return a value as JSON: arrays are lists, and objects of classes have their attributes."""
+    """Return a value as JSON: arrays are lists, and objects of classes have their fields."""
     try:
         text = json.dumps(plain(value), allow_nan=False, ensure_ascii=False)
     except (TypeError, ValueError) as error:
-        raise Unsendable(f"it has no JSON: {error}") from None
-    return Payload(text.encode(), "application/json")
+        why = str(error).replace("Out of range float values are", "infinity and NaN are")
+        raise Unsendable(f"it has no JSON: {why}") from None
+    except RecursionError:
+        raise Unsendable("it has no JSON: it is nested too deep") from None
+    return Payload(_utf8(text), "application/json")
 
 
 def plain(value: Any) -> Any:
     """Return a value that consists of dicts, lists, numbers and texts, as far as there are such."""
     fields = fields_of(value)
     if fields is not None:
-        return {str(key): plain(it) for key, it in fields.items()}
+        made = {str(key): plain(it) for key, it in fields.items()}
+        if len(made) < len(fields):
+            raise ValueError("two keys of a dict are the same text")
+        return made
+    if isinstance(value, np.ma.MaskedArray):
+        raise TypeError("a masked array has values that are none")
     if isinstance(value, np.ndarray):
         return plain(value.tolist())
     if isinstance(value, np.generic):
-        return plain(value.item())
+        item = value.item()
+        # A number that is wider than those of Python stays one of NumPy.
+        return float(item) if isinstance(item, np.floating) else item
     if isinstance(value, (list, tuple)):
         return [plain(it) for it in value]
     return value
@@ -84,47 +98,18 @@ def fields_of(value: Any) -> Mapping[Any, Any] | None:
     return None
 
 
-def message_of(kind: Any, value: Any) -> Any:
-    """Make a message of ROS 2 of a class from a value.
-
-    A dict, or an object of a class, has the fields of the message; anything else is the only field
-    of a message that has one, as ``data`` of ``std_msgs/msg/String``.
-    """
-    if isinstance(value, kind):
-        return value
-    message = kind()
-    names = list(message.get_fields_and_field_types())
-    fields = fields_of(value)
-    if fields is None:
-        if len(names) != 1:
-            described = f"{kind.__name__}: {', '.join(names)}"
-            raise Unsendable(f"{_kind(value)} has none of the fields of {described}")
-        fields = {names[0]: value}
-    try:
-        _fill(message, fields)
-    except (AssertionError, AttributeError, OverflowError, TypeError, ValueError) as error:
-        raise Unsendable(f"it is no {kind.__name__}: {error}") from None
-    return message
-
-
-def _fill(message: Any, fields: Mapping[Any, Any]) -> None:
-    from hprm.ros._rosidl_runtime_py import set_message_fields
-
-    for name, value in fields.items():
-        if isinstance(value, np.ndarray) and hasattr(message, name):
-            # An image of some megabytes is no list of numbers.
-            setattr(message, name, _flat(value, np.asarray(getattr(message, name))))
-        else:
-            set_message_fields(message, {name: plain(value)})
-
-
-def _flat(value: npt.NDArray[Any], field: npt.NDArray[Any]) -> Any:
-    """Return an array as a field of messages has it; a list, if that has no arrays."""
-    if field.dtype.hasobject or field.ndim != 1:
-        return value.tolist()
-    return value.reshape(-1).astype(field.dtype, casting="same_kind", copy=False)
-
-
-def _kind(value: Any) -> str:
-    name = type(value).__name__
+def kind_of(value: Any) -> str:
+    """Return what a value is, with its article."""
+    if isinstance(value, np.ndarray):
+        return "an array"
+    if value is None:
+        return "None"
+    name = "object with fields" if isinstance(value, SimpleNamespace) else type(value).__name__
     return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
+
+
+def _utf8(text: str) -> bytes:
+    try:
+        return text.encode()
+    except UnicodeEncodeError:
+        raise Unsendable("it is a text with half a character, which UTF-8 does not have") from None

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import signal
+import socket
 import struct
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,11 +15,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from processes import Bench, finish, free_ports, hear
+from processes import Bench, finish, hear
 from test_echo import start, stop
 from zenoh_peer import STRING, TEN, WAIT_S, Peer, numbers, text
 
-from hprm._payloads import Unsendable, as_json, message_of, raw
+from hprm._payloads import Unsendable, as_json, raw
+from hprm.ros._filling import message_of
 from hprm.ros._messages import class_of
 
 PROGRAM = """\
@@ -178,31 +181,72 @@ def test_it_ends_with_the_federation_and_counts_what_it_could_not_send(
 def test_what_is_wrong_is_one_error(bench: Bench, peer: Peer) -> None:
     run = start(bench, PROGRAM)
     of = ["--of", str(run.pid), "--wait", "30", peer.option]
-    typed = ["--topic=t", "--type=nothing_msgs/msg/None"]
+    image = ["source.outs[0]"]
+    string = "--type=std_msgs/msg/String"
     for words, said in (
         (["source.outz", "--key=k"], ["source has no port outz"]),
-        (["source.outs[0]", "--key=a//b"], ["'a//b' is no key of Zenoh", "robot/camera/image"]),
-        (["source.outs[0]", "--key=a/*"], ["`*` stands for several keys"]),
-        (["source.outs[0]", *typed], ["there is no package 'nothing_msgs'"]),
-        (
-            ["source.outs[0]", "--topic=t", "--type=x"],
-            ["types have names like std_msgs/msg/String"],
-        ),
-        (["source.outs[0]", "--topic=t", "--type=std_srvs/srv/Empty"], ["no type of messages"]),
-        (["source.outs[0]", "--topic=t", *typed[1:], "--domain-id=9999"], ["there is no package"]),
+        ([*image, "--key="], ["'' is no key", "one is robot/camera/image"]),
+        ([*image, "--key=a//b"], ["each part between two `/` has a name"]),
+        ([*image, "--key=a/*"], ["'*' has no place in a key to send to"]),
+        ([*image, "--key=a b"], ["' ' has no place in a key to send to"]),
+        ([*image, "--key=@/router"], ["keys with @ at their beginning are Zenoh's own"]),
+        ([*image, "--key=" + "k" * 2000], ["'kkkkkkkkkkkkkkkkkkkk...' is no key"]),
+        ([*image, "--key=k", string], ["--type is for messages of ROS 2", "use --as cdr"]),
+        ([*image, "--topic=/a//b", string], ["no name of a topic", "repeated '/'"]),
+        ([*image, "--topic=~/x", string], ["no name of a topic", "one is /robot/speed"]),
+        ([*image, "--topic=t", "--type=nothing_msgs/msg/None"], ["no package 'nothing_msgs'"]),
+        ([*image, "--topic=t", "--type=x"], ["types have names like std_msgs/msg/String"]),
+        ([*image, "--topic=t", "--type=std_srvs/srv/Empty"], ["no type of messages"]),
+        ([*image, "--topic=t", string, "--domain-id=999"], ["'999' is no domain"]),
+        ([*image, "--topic=t", string, "--domain-id="], ["'' is no domain"]),
     ):
         outcome = finish(bench.call("mirror", *words, *of))
         assert outcome.code == 1, words
         outcome.assert_one_error(*said)
-    (free,) = free_ports(1)
-    words = ["source.outs[0]", "--key=k", "--of", str(run.pid), f"--zenoh=tcp/192.0.2.1:{free}"]
-    outcome = finish(
-        bench.call(
-            "mirror", *words, environment={"ZENOH_CONFIG_OVERRIDE": "connect/timeout_ms=200"}
+    stop(run)
+
+
+def test_what_listens_must_be_a_router(bench: Bench) -> None:
+    run = start(bench, PROGRAM)
+    of = ["--of", str(run.pid), "--wait", "30"]
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        where = f"tcp/127.0.0.1:{mute.getsockname()[1]}"
+        outcome = finish(bench.call("mirror", "source.outs[0]", "--key=k", f"--zenoh={where}", *of))
+    assert (outcome.code, outcome.out) == (1, "")
+    outcome.assert_one_error(f"no session of Zenoh at {where}", "does a router of Zenoh listen")
+    for variables, said in (
+        ({"ZENOH_SESSION_CONFIG_URI": "/nowhere.json5"}, "/nowhere.json5 cannot be used: No such"),
+        ({"ZENOH_CONFIG_OVERRIDE": "mode=client"}, "Zenoh has no mode=client"),
+    ):
+        words = ["mirror", "source.outs[0]", "--key=k", "--zenoh=tcp/127.0.0.1:9", *of]
+        outcome = finish(bench.call(*words, environment=variables))
+        assert outcome.code == 1
+        outcome.assert_one_error(f"{next(iter(variables))}: {said}")
+    stop(run)
+
+
+def test_sigterm_ends_it_as_ctrl_c_does(bench: Bench, peer: Peer) -> None:
+    run = start(bench, PROGRAM)
+    process = mirror(bench, run, peer, "source.outs[3]", "--key=k")
+    assert "is not mirrored" in hear(process.stderr, "\n")
+    process.send_signal(signal.SIGTERM)
+    outcome = finish(process)
+    assert outcome.code == 0
+    assert "not all messages were mirrored: 0 passed too fast" in outcome.err
+    stop(run)
+
+
+def test_a_full_standard_output_is_one_error(bench: Bench, peer: Peer) -> None:
+    run = start(bench, PROGRAM)
+    hprm = Path(sys.executable).with_name("hprm")
+    words = ["mirror", "source.outs[0]", "--key=k", peer.option, "--of", str(run.pid), "--wait=30"]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [hprm, *words], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False
         )
-    )
-    assert outcome.code == 1
-    outcome.assert_one_error("there is no session of Zenoh at tcp/192.0.2.1")
+    assert done.returncode == 1
+    said = "error: the standard output cannot be written: No space left on device\n"
+    assert done.stderr == said
     stop(run)
 
 
@@ -249,12 +293,22 @@ class Point(NamedTuple):
 def test_raw_values() -> None:
     assert raw(b"ab") == (b"ab", "zenoh/bytes")
     assert raw(memoryview(b"ab")) == (b"ab", "zenoh/bytes")
-    assert raw("ä") == ("ä".encode(), "zenoh/string")
+    assert raw("\u00e4") == ("\u00e4".encode(), "zenoh/string")
     array = np.arange(6, dtype=">i2").reshape(2, 3).T
     assert raw(array) == (struct.pack(">6h", 0, 3, 1, 4, 2, 5), "zenoh/bytes;>i2[3,2]")
-    assert raw(np.float32(1).reshape(())) == (struct.pack("<f", 1), "zenoh/bytes;<f4[]")
-    for value in (1, None, [1], {"a": 1}, np.array([None])):
-        with pytest.raises(Unsendable, match="--as json"):
+    assert raw(np.float32(1)) == (struct.pack("<f", 1), "zenoh/bytes;<f4[]")
+    for value, said in (
+        (1, "try --as json"),
+        (None, "None is no bytes"),
+        ([1], "try --as json"),
+        ({"a": 1}, "try --as json"),
+        (np.array([None]), "an array of object has no bytes"),
+        (np.zeros(2, "M8[s]"), "an array of datetime64"),
+        (np.zeros(2, [("a", "u1")]), "has no bytes that others can read"),
+        (np.ma.array([1], mask=[True]), "has no bytes that others can read"),
+        ("\ud800", "half a character"),
+    ):
+        with pytest.raises(Unsendable, match=said):
             raw(value)
 
 
@@ -263,6 +317,7 @@ def test_values_as_json() -> None:
         "point": Point(1.5, 2.5),
         "named": SimpleNamespace(a=np.int64(3), b=(True, None)),
         4: np.eye(2, dtype=np.uint8),
+        "wide": [np.longdouble(0.5), np.zeros(1, np.longdouble)],
     }
     data, encoding = as_json(value)
     assert (json.loads(data), encoding) == (
@@ -270,38 +325,92 @@ def test_values_as_json() -> None:
             "point": {"x": 1.5, "y": 2.5},
             "named": {"a": 3, "b": [True, None]},
             "4": [[1, 0], [0, 1]],
+            "wide": [0.5, [0.0]],
         },
         "application/json",
     )
-    for wrong in (b"bytes", float("nan"), {1j}, [np.inf]):
-        with pytest.raises(Unsendable, match="it has no JSON"):
+    deep: list[Any] = []
+    for _ in range(100_000):
+        deep = [deep]
+    for wrong, said in (
+        (b"bytes", "it has no JSON"),
+        (float("nan"), "infinity and NaN are not JSON"),
+        ([np.inf], "infinity and NaN are not JSON"),
+        ({1j}, "it has no JSON"),
+        (np.zeros(1, np.clongdouble), "it has no JSON"),
+        ({1: 0, "1": 0}, "two keys of a dict are the same text"),
+        (np.ma.array([1], mask=[True]), "a masked array"),
+        ("\ud800", "half a character"),
+        (deep, "nested too deep"),
+    ):
+        with pytest.raises(Unsendable, match=said):
             as_json(wrong)
 
 
+IMAGE = class_of("sensor_msgs/msg/Image")
+JOINTS = class_of("sensor_msgs/msg/JointState")
+
+
 def test_messages_of_ros_2() -> None:
-    image = class_of("sensor_msgs/msg/Image")
     pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
     stamp = {"sec": 5, "nanosec": 6}
     made = message_of(
-        image,
+        IMAGE,
         SimpleNamespace(
             header={"stamp": stamp, "frame_id": "front"}, height=2, width=np.int64(4), data=pixels
         ),
     )
     assert (made.header.stamp.sec, made.header.frame_id, made.width) == (5, "front", 4)
     assert bytes(made.data) == pixels.tobytes()
-    assert message_of(image, made) is made
+    assert message_of(IMAGE, made) is made
+    assert bytes(message_of(IMAGE, {"data": b"ab"}).data) == b"ab"
+    assert bytes(message_of(IMAGE, {"data": np.array([1, 2])}).data) == b"\1\2"
     floats = class_of("std_msgs/msg/Float64MultiArray")
     assert list(message_of(floats, {"data": np.array([1, 2], np.float32)}).data) == [1.0, 2.0]
     path = class_of("nav_msgs/msg/Path")
-    poses = [{"pose": {"position": {"x": 1.0}}}, {}]
+    poses = [{"pose": {"position": {"x": 1}}}, {}]
     assert message_of(path, {"poses": poses}).poses[0].pose.position.x == 1.0
-    for kind, value, said in (
-        (image, 3, "an int has none of the fields of Image: header, height"),
-        (image, {"heigth": 2}, "no attribute 'heigth'"),
-        (image, {"data": pixels.astype(float)}, "Cannot cast"),
-        (class_of("std_msgs/msg/UInt8"), 256, "it is no UInt8"),
-    ):
-        with pytest.raises(Unsendable) as raised:
-            message_of(kind, value)
-        assert said in str(raised.value)
+    names = np.array(["a", "b"])
+    joints = message_of(JOINTS, {"name": names, "position": (1, 2.5), "effort": np.zeros((1, 2))})
+    assert (joints.name, list(joints.position), list(joints.effort)) == (
+        ["a", "b"],
+        [1.0, 2.5],
+        [0.0, 0.0],
+    )
+    assert message_of(class_of("std_msgs/msg/Byte"), 7).data == b"\7"
+    assert message_of(class_of("std_msgs/msg/Bool"), np.True_).data is True
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "said"),
+    [
+        ("sensor_msgs/msg/Image", 3, "Image has the fields header, height"),
+        ("std_msgs/msg/Empty", 3, "Empty has no fields, and the value is an int"),
+        ("sensor_msgs/msg/Image", {"heigth": 2}, "Image has no field 'heigth'; its fields: header"),
+        ("sensor_msgs/msg/Image", {"data": np.array([0.5])}, "data has numbers of uint8, and 0.5"),
+        ("sensor_msgs/msg/Image", {"data": np.array([300])}, "data has numbers of uint8, and 300"),
+        (
+            "sensor_msgs/msg/Image",
+            {"header": {"stamp": {"sec": "5"}}},
+            "header.stamp.sec takes int",
+        ),
+        ("sensor_msgs/msg/Image", {"header": 3}, "header takes Header, and the value is an int"),
+        ("sensor_msgs/msg/JointState", {"name": "ab"}, "name is a sequence, and the value is a s"),
+        (
+            "sensor_msgs/msg/JointState",
+            {"name": [1]},
+            r"name\[0\] takes str, and the value is an int",
+        ),
+        ("sensor_msgs/msg/JointState", {"position": None}, "position is a sequence"),
+        ("std_msgs/msg/UInt8", 256, "data: The 'data' field must be an unsigned integer"),
+        ("std_msgs/msg/Float32MultiArray", {"data": np.array([1e300])}, "of float32, and 1e.300"),
+        ("std_msgs/msg/String", None, "data takes str, and the value is None"),
+        ("std_msgs/msg/Int32", 1.5, "data takes int, and the value is a float"),
+        ("std_msgs/msg/Int32", True, "data takes int, and the value is a bool"),
+        ("std_msgs/msg/Bool", "x", "data takes bool, and the value is a str"),
+        ("std_msgs/msg/Byte", 256, "data takes bytes, and the value is an int"),
+    ],
+)
+def test_values_that_are_no_such_message(kind: str, value: Any, said: str) -> None:
+    with pytest.raises(Unsendable, match=said):
+        message_of(class_of(kind), value)

@@ -26,6 +26,10 @@ ROUTER = "tcp/localhost:7447"
 DOMAIN, CONFIG, OVERRIDE = "ROS_DOMAIN_ID", "ZENOH_SESSION_CONFIG_URI", "ZENOH_CONFIG_OVERRIDE"
 
 
+#: For how many milliseconds a session tries to reach a router where something listens.
+_ANSWER_MS = 5_000
+
+
 class BridgeError(Exception):
     """There can be no bridge."""
 
@@ -55,12 +59,12 @@ class Settings:
 
         """
         try:
-            number = keys.domain(domain or os.environ.get(DOMAIN) or "0")
+            number = keys.domain(os.environ.get(DOMAIN) or "0" if domain is None else domain)
         except ValueError as error:
             raise BridgeError(
                 f"{error}\n  hint: it is that of --domain-id, or of {DOMAIN}"
             ) from None
-        if "/" not in endpoint or ":" not in endpoint:
+        if not _is_endpoint(endpoint):
             raise BridgeError(f"{endpoint!r} is no endpoint of Zenoh\n  hint: one is {ROUTER}")
         wait_ns = None if wait_s is None else round(wait_s * 1e9)
         return cls(endpoint, number, tuple(f"/{it.strip('/')}" for it in wanted), wait_ns)
@@ -86,14 +90,16 @@ def open_session(endpoint: str, tell: Callable[[str], None]) -> zenoh.Session:
         if "in use" not in str(error):
             raise
         own = {"listen/endpoints": ["tcp/127.0.0.1:0"], "connect/endpoints": [endpoint]}
-        return _open(library, {"mode": "peer", **own}, endpoint)
+        # What is there may be something else than a router.
+        tries = {"connect/timeout_ms": _ANSWER_MS, "connect/exit_on_failure": True}
+        return _open(library, {"mode": "peer", **own, **tries}, endpoint)
     tell(f"no router of Zenoh listens at {endpoint}, so this run is one as long as it lasts")
     return session
 
 
 def is_local(endpoint: str) -> bool:
     """Return whether an endpoint is on this machine, and reached over its loopback."""
-    host = _host(endpoint)
+    host = _host(endpoint).lower()
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -128,20 +134,48 @@ def _open(library: Any, stated: dict[str, Any], endpoint: str) -> zenoh.Session:
     file = os.environ.get(CONFIG)
     try:
         config = library.Config.from_file(file) if file else library.Config()
-        values = {key: json.dumps(value) for key, value in stated.items()}
+    except library.ZError as error:
+        raise BridgeError(f"{CONFIG}: {file} cannot be used: {_why(error)}") from None
+    values = {key: json.dumps(value) for key, value in stated.items()}
+    wanted = overrides(os.environ.get(OVERRIDE, ""))
+    try:
         values["scouting/multicast/enabled"] = "false"
         # As ROS 2 has it: Zenoh's leaves files behind.
         values["transport/shared_memory/enabled"] = "false"
         # Caches of publishers need it.
         values["timestamping/enabled"] = "true"
-        for key, value in (values | overrides(os.environ.get(OVERRIDE, ""))).items():
+        for key, value in (values | wanted).items():
             config.insert_json5(key, value)
+    except library.ZError:
+        # Zenoh shows its parser's insides.
+        text = f"{OVERRIDE}: Zenoh has no {key}={value}"
+        hint = 'values are JSON5, as in mode="client";scouting/multicast/enabled=true'
+        raise BridgeError(f"{text}\n  hint: {hint}") from None
+    try:
         session: zenoh.Session = library.open(config)
     except library.ZError as error:
-        # The rest is where in Zenoh's source it was noticed.
-        why = str(error).partition(" at /")[0]
-        raise BridgeError(f"there is no session of Zenoh at {endpoint}: {why}") from None
+        raise BridgeError(
+            f"there is no session of Zenoh at {endpoint}: {_why(error)}\n"
+            "  hint: does a router of Zenoh listen there?"
+        ) from None
     return session
+
+
+def _why(error: Exception) -> str:
+    """Return what Zenoh says, without where in its source it was noticed."""
+    return str(error).partition(" at /")[0].split("\n")[0].rstrip("! .")
+
+
+def _is_endpoint(text: str) -> bool:
+    """Return whether a text is an endpoint; of those with a port, that is a number."""
+    protocol, slash, address = text.partition("/")
+    if not slash or not protocol or not address:
+        return False
+    if protocol.startswith(("unix", "serial", "vsock")):
+        return True
+    host, _, port = address.rpartition(":")
+    port = port.partition("?")[0].partition("#")[0]
+    return bool(host) and port.isascii() and port.isdigit() and 0 < int(port) < 1 << 16
 
 
 def _host(endpoint: str) -> str:
