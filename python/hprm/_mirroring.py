@@ -14,7 +14,6 @@ import signal
 import sys
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -31,6 +30,9 @@ _NODE = "/hprm_mirror"
 
 #: The most characters of a key: Zenoh fails with those that do not fit into one of its packets.
 _LONGEST_KEY = 1024
+
+#: How many reasons are told why values are not sent; each may name a value, so there may be many.
+_REASONS = 5
 
 #: For how many seconds the session may tell others that it ends.
 _CLOSING_S = 2.0
@@ -79,10 +81,15 @@ def _mirror(options: argparse.Namespace) -> int:
             [options.port], options.of, options.wait, False, options=True
         ) as messages:
             session = open_session(settings.endpoint, _tell)
+            import zenoh
+
             try:
                 sender = _sender(session, settings.domain, options, kind)
                 _say(f"{options.port} is on {sender.where}; Ctrl-C ends")
                 _send_all(messages, sender)
+            except zenoh.ZError as error:
+                # The rest is where in Zenoh's source it was noticed.
+                raise WatchError(f"Zenoh fails: {str(error).partition(' at /')[0]}") from None
             finally:
                 _close(session)
     except BridgeError as error:
@@ -105,7 +112,8 @@ def _sender(
 
 def _send_all(messages: Iterable[WatchedMessage], sender: Sender) -> None:
     """Send all values, and say what has not been sent."""
-    missed, unsent = 0, Counter[str]()
+    missed = unsent = 0
+    told: set[str] = set()
     # What passed before is none of this, also if the next message tells that it was missed.
     begins, begun = time.time_ns(), set[str]()
     try:
@@ -120,12 +128,13 @@ def _send_all(messages: Iterable[WatchedMessage], sender: Sender) -> None:
                 sender.send(message)
             except (Unsendable, WatchError) as error:
                 why = error.message if isinstance(error, WatchError) else str(error)
-                unsent[why] += 1
-                if unsent[why] == 1:
+                unsent += 1
+                if why not in told and len(told) < _REASONS:
+                    told.add(why)
                     _tell(f"warning: a value of {message.port} is not mirrored: {why}")
     finally:
         if missed or unsent:
-            counts = f"{missed} passed too fast, {unsent.total()} have no such form"
+            counts = f"{missed} passed too fast, {unsent} have no such form"
             _tell(f"warning: not all messages were mirrored: {counts}")
 
 
