@@ -381,22 +381,10 @@ impl Decentralized {
         }
     }
 
-    /// What to report before this federate counts the messages of a peer from zero, if there are messages of its
-    /// predecessor that no report has counted. `next` is the earliest that this federate may do.
-    pub(crate) fn report_before_meeting(
-        &mut self,
-        peer: FederateId,
-        next: Step,
-    ) -> Option<(Step, Vec<Count>)> {
-        let is_from = |channel: &ChannelId| {
-            self.incoming.get(channel).is_some_and(|incoming| incoming.from == peer)
-        };
-        let lags = self.reports != Reports::None && self.unreported.0.iter().any(is_from);
-        lags.then(|| (next, self.counts(next)))
-    }
-
-    /// A peer is about to join: both ends count from zero.
+    /// A peer is about to join: both ends count from zero. The RTI relies on no earlier report from now on, because
+    /// none may have counted all messages of the peer's predecessor, so this federate reports again.
     pub(crate) fn meets(&mut self, topology: &Topology, peer: FederateId) {
+        self.reported = Step::NEVER;
         for (id, channel) in topology.channels().iter() {
             if channel.from == peer
                 && let Some(incoming) = self.incoming.get_mut(&id)

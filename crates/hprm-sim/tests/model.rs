@@ -353,8 +353,8 @@ fn transient_federates() {
         ("transient pair", &pair, 0, &[Arrive(B), Depart(B)]),
         ("transient pair", &pair, 0, &[Arrive(B), Crash(B)]),
         ("transient sender", &sender, 1, &[Arrive(A)]),
-        ("transient sender", &sender, 1, &[Arrive(A), Crash(A)]),
-        ("transient cycle", &cycle, 1, &[Arrive(B)]),
+        ("transient sender", &sender, 0, &[Arrive(A), Crash(A)]),
+        ("transient cycle", &cycle, 0, &[Arrive(B)]),
         ("transient delayed", &delayed, 1, &[Arrive(B)]),
     ];
     let setting = Setting { dnet: DnetMode::Off, ..Setting::default() };

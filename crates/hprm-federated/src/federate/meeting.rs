@@ -8,8 +8,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use hprm_core::{FederateId, PhysicalTime, Tag};
 
-use super::{Activity, Coordinator, Federate};
-use crate::{Frame, Output, Peer, Step};
+use super::{Coordinator, Federate};
+use crate::{Frame, Output, Peer};
 
 /// The federates that are about to join.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
@@ -82,24 +82,10 @@ impl Federate {
         self.flow.forget(federate);
         self.gone.remove(&federate);
         self.resigned.remove(&federate);
-        let next = self.earliest_step();
         if let Coordinator::Decentralized(machine) = &mut self.coordinator {
-            // Else the RTI would take what this federate has reported for what it does, although messages of the
-            // predecessor may have it do something earlier.
-            if let Some((next, counts)) = machine.report_before_meeting(federate, next) {
-                self.outputs.push_back(Output::ToRti(Frame::Progress { next, counts }));
-            }
             machine.meets(&self.topology, federate);
         }
         self.answer(federate);
-    }
-
-    /// Before this step, this federate does nothing, whatever it knows of its events at the moment.
-    fn earliest_step(&self) -> Step {
-        Step::begin(match self.activity {
-            Activity::Processing | Activity::Within(_) => self.current,
-            Activity::Unknown | Activity::Idle(_) => self.current.succ().max(self.first),
-        })
     }
 
     /// A federate joins, and starts at `first` or later.

@@ -294,13 +294,8 @@ fn a_predecessor_that_stands_still_does_not_block_its_successor() {
     assert!(input(&mut machine, 0, Input::FromRti(Frame::Joining { peer })).is_empty());
     assert!(input(&mut machine, second, Input::Wake).is_empty());
     let outputs = input(&mut machine, 2 * second, Input::Wake);
-    let counts = vec![Count { channel: ChannelId(0), messages: u64::MAX }];
-    let frames = [
-        Frame::Progress { next: Step::begin(Tag::START), counts },
-        Frame::Met { federate: from, incarnation: 7, after: Tag::NEVER },
-    ];
-    let mut expected = vec![Output::Disconnect(from), Output::OwnerGone(from)];
-    expected.extend(frames.map(Output::ToRti));
+    let met = Frame::Met { federate: from, incarnation: 7, after: Tag::NEVER };
+    let expected = [Output::Disconnect(from), Output::OwnerGone(from), Output::ToRti(met)];
     assert_eq!(outputs, expected);
 }
 
@@ -320,9 +315,10 @@ fn levels_of_which_others_know_that_nothing_comes_are_passed() {
     assert_eq!(input(&mut machine, 500, Input::Reached(None)), []);
 }
 
-/// The RTI forgets what a predecessor has sent when it knows that its receivers have met the successor.
+/// The RTI forgets what a federate has reported, and what the predecessor has sent, when it knows that the federate has
+/// met the successor.
 #[test]
-fn messages_of_a_predecessor_are_reported_before_its_successor_is_met() {
+fn a_federate_reports_again_when_it_has_met_a_successor() {
     let from = FederateId(0);
     let mut machine = started("decentralized\ntransient a\na -> b", "b", 2, &[0]);
     let report = |next, counts| Output::ToRti(Frame::Progress { next: Step::begin(next), counts });
@@ -337,9 +333,11 @@ fn messages_of_a_predecessor_are_reported_before_its_successor_is_met() {
     input(&mut machine, now, Input::FromRti(Frame::Gone { federate: from, in_order: true }));
     let peer = Peer { federate: from, incarnation: 7, host: HostId(1), listen: None };
     let outputs = input(&mut machine, now, Input::FromRti(Frame::Joining { peer }));
-    let counts = vec![Count { channel: ChannelId(0), messages: u64::MAX }];
     let met = Output::ToRti(Frame::Met { federate: from, incarnation: 7, after: Tag::NEVER });
-    assert_eq!(outputs, [report(Tag::START, counts), met]);
+    assert_eq!(outputs, [met]);
+    let later = now + 10 * MILLISECOND;
+    assert_eq!(machine.next_wakeup(), Some(START.plus(later)));
+    assert_eq!(input(&mut machine, later, Input::Wake), [report(at(3), Vec::new())]);
 }
 
 #[test]

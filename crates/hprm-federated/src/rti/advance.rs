@@ -262,6 +262,12 @@ impl Advance {
         report.completed = report.completed.max(tag);
     }
 
+    /// What a federate has reported counts no more: it reports again.
+    pub(super) fn forget_report(&mut self, topology: &Topology, federate: FederateId) {
+        self.reports[federate].next = Step::NEVER;
+        self.refresh(topology, federate);
+    }
+
     /// A federate has completed the last tag of the program.
     pub(super) fn completed_all(&mut self, federate: FederateId) {
         self.left(federate, self.stop);

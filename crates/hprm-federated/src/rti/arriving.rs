@@ -346,8 +346,10 @@ impl Rti {
         arrival.after = arrival.after.max(tag);
         if arrival.met.insert(neighbour) {
             self.traffic.meet(&self.topology, neighbour, federate);
-            // What the predecessor may have sent keeps others waiting no more.
-            self.send_grants();
+            if !self.is_centralized() {
+                // It may not have counted all messages of the predecessor, and reports again.
+                self.advance.forget_report(&self.topology, neighbour);
+            }
         }
         self.link_up(federate);
         self.start_late(federate);
