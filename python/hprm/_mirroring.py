@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from hprm import _hprm
 from hprm._hprm import WatchedMessage
 from hprm._payloads import Form, Payload, Unsendable, as_json, raw
+from hprm._viewing import run_to_end
 from hprm._watching import WatchError
 
 if TYPE_CHECKING:
@@ -53,17 +54,11 @@ def mirror(options: argparse.Namespace) -> int:
     # They end it as Ctrl-C does, so that what was not sent is told.
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)
-    try:
-        return _mirror(options)
-    except WatchError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        return 0
+    return run_to_end(lambda: _mirror(options))
 
 
-def _mirror(options: argparse.Namespace) -> int:
-    from hprm.ros._zenoh.session import BridgeError, Settings, open_session
+def _mirror(options: argparse.Namespace) -> None:
+    from hprm.ros._zenoh.session import BridgeError, Settings, open_session, why
 
     kind = None if options.type is None else _class_of(options.type)
     if options.topic is None:
@@ -88,24 +83,19 @@ def _mirror(options: argparse.Namespace) -> int:
                 _say(f"{options.port} is on {sender.where}; Ctrl-C ends")
                 _send_all(messages, sender)
             except zenoh.ZError as error:
-                # The rest is where in Zenoh's source it was noticed.
-                raise WatchError(f"Zenoh fails: {str(error).partition(' at /')[0]}") from None
+                raise WatchError(f"Zenoh fails: {why(error)}") from None
             finally:
                 _close(session)
     except BridgeError as error:
         message, _, hint = str(error).partition("\n  hint: ")
         raise WatchError(message, hint or None) from None
-    print("the federation has ended", file=sys.stderr)
-    return 0
 
 
-def _sender(
-    session: zenoh.Session, domain: int, options: argparse.Namespace, kind: Any
-) -> Topic | Key:
+def _sender(session: zenoh.Session, domain: int, options: argparse.Namespace, kind: Any) -> Sender:
     if options.topic is not None:
         return Topic(session, domain, options.topic, kind)
     if options.form == "cdr":
-        return Key(session, options.key, lambda it: _cdr(kind, it))
+        return Key(session, options.key, _as_cdr(kind))
     form: Form = {"raw": raw, "json": as_json}[options.form]
     return Key(session, options.key, lambda it: form(it.value))
 
@@ -182,26 +172,32 @@ class Topic:
         # What is declared lasts as long as this.
         self._local = local
         self._publisher, self._numbers = found
-        self._kind = kind
+        self._form = _as_cdr(kind)
         self.where = f"the topic {name} of ROS 2, as {type_}"
 
     def send(self, message: WatchedMessage) -> None:
         """Send a value."""
-        data = _cdr(self._kind, message).data
+        data = self._form(message).data
         self._publisher.put(data, attachment=self._numbers.attachment().pack())
 
 
-def _cdr(kind: Any, message: WatchedMessage) -> Payload:
-    """Return a message of ROS 2 as bytes; a header without a stamp gets the time of the tag."""
+def _as_cdr(kind: Any) -> Callable[[WatchedMessage], Payload]:
+    """Return what makes bytes of values, as ROS 2 writes messages of a class.
+
+    A header without a stamp gets the time of the tag.
+    """
     from hprm.ros._filling import message_of
     from hprm.ros._messages.cdr import SERIALIZER, SerializationError
 
-    made = message_of(kind, message.value)
-    _stamp(made, message.sent if message.tag is None else message.tag.time)
-    try:
-        return Payload(bytes(SERIALIZER.serialize(made)), "application/cdr")
-    except SerializationError as error:
-        raise Unsendable(str(error)) from None
+    def cdr(message: WatchedMessage) -> Payload:
+        made = message_of(kind, message.value)
+        _stamp(made, message.sent if message.tag is None else message.tag.time)
+        try:
+            return Payload(bytes(SERIALIZER.serialize(made)), "application/cdr")
+        except SerializationError as error:
+            raise Unsendable(str(error)) from None
+
+    return cdr
 
 
 def _stamp(message: Any, time: int) -> None:

@@ -7,13 +7,14 @@ the bytes go.
 
 from __future__ import annotations
 
-import dataclasses
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from hprm._views import parts_of
 
 #: The kinds of arrays that are numbers or truth values: their bytes can be read by their type.
 _KINDS = "biufc"
@@ -66,7 +67,7 @@ def as_json(value: Any) -> Payload:
 
 def plain(value: Any) -> Any:
     """Return a value that consists of dicts, lists, numbers and texts, as far as there are such."""
-    fields = fields_of(value)
+    fields = parts_of(value)
     if fields is not None:
         made = {str(key): plain(it) for key, it in fields.items()}
         if len(made) < len(fields):
@@ -83,19 +84,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [plain(it) for it in value]
     return value
-
-
-def fields_of(value: Any) -> Mapping[Any, Any] | None:
-    """Return what a dict, or an object of a class, has in it; none if it is neither."""
-    if isinstance(value, Mapping):
-        return value
-    if isinstance(value, SimpleNamespace):
-        return vars(value)
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {it.name: getattr(value, it.name) for it in dataclasses.fields(value)}
-    if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return dict(value._asdict())
-    return None
 
 
 def kind_of(value: Any) -> str:

@@ -1,9 +1,10 @@
-"""``hprm echo --foxglove``: what is wrong is one error, and Ctrl-C is the usual end."""
+"""``hprm echo --foxglove``, and how commands that watch end: what is wrong is one error."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 
 from hprm import _hprm
 from hprm._watching import WatchError
@@ -11,16 +12,23 @@ from hprm._watching import WatchError
 
 def view(options: argparse.Namespace) -> int:
     """Show what passes connections of a running federation. Return the exit code."""
+    return run_to_end(lambda: _view(options))
+
+
+def run_to_end(watch: Callable[[], None]) -> int:
+    """Watch a federation to its end, or until Ctrl-C, the usual one. Return the exit code."""
     try:
-        return _view(options)
+        watch()
     except WatchError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 0
+    print("the federation has ended", file=sys.stderr)
+    return 0
 
 
-def _view(options: argparse.Namespace) -> int:
+def _view(options: argparse.Namespace) -> None:
     try:
         from hprm import _foxglove
     except ModuleNotFoundError as error:
@@ -39,5 +47,3 @@ def _view(options: argparse.Namespace) -> int:
             viewers.show(messages)
         finally:
             viewers.stop()
-    print("the federation has ended", file=sys.stderr)
-    return 0

@@ -87,7 +87,7 @@ def _fields_or_view(value: Any) -> View | Mapping[Any, Any]:
     """Return how a value is shown; or its parts by their names."""
     if isinstance(value, str):
         return Text(value)
-    parts = _parts(value)
+    parts = parts_of(value)
     if parts is not None:
         return parts
     return _array(value) if isinstance(value, np.ndarray) else _plain(value)
@@ -99,7 +99,7 @@ def _fields(
     """Return those parts that are fields, and put the others where they belong."""
     fields: dict[str, Field] = {}
     for key, value in parts.items():
-        name, inner = str(key), _parts(value)
+        name, inner = str(key), parts_of(value)
         below = f"{path}/{name}"
         if inner is not None and depth > 0:
             if nested := _fields(inner, below, others, depth - 1):
@@ -115,7 +115,7 @@ def _fields(
     return fields
 
 
-def _parts(value: Any) -> Mapping[Any, Any] | None:
+def parts_of(value: Any) -> Mapping[Any, Any] | None:
     """Return the members of a dict, or the attributes of an object that has nothing else."""
     if isinstance(value, Mapping):
         return value

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hprm._payloads import Unsendable, fields_of, kind_of
+from hprm._payloads import Unsendable, kind_of
+from hprm._views import parts_of
 
 
 def message_of(kind: Any, value: Any) -> Any:
@@ -24,7 +25,7 @@ def message_of(kind: Any, value: Any) -> Any:
     if isinstance(value, kind):
         return value
     names = list(kind.get_fields_and_field_types())
-    fields = fields_of(value)
+    fields = parts_of(value)
     if fields is None:
         if len(names) != 1:
             has = f"the fields {', '.join(names)}" if names else "no fields"
@@ -62,9 +63,9 @@ def _one(kind: Any, value: Any, where: str) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
     if hasattr(kind, "get_fields_and_field_types"):
-        fields = fields_of(value)
         if isinstance(value, kind):
             return value
+        fields = parts_of(value)
         if fields is not None:
             return _filled(kind, fields, f"{where}.")
     elif kind is float and isinstance(value, (int, float, np.floating)):
@@ -85,7 +86,7 @@ def _many(kind: Any, value: Any, before: Any, where: str) -> Any:
     if isinstance(value, np.ndarray) and has_numbers and value.dtype.kind in "biuf":
         # An image of some megabytes is no list of numbers.
         return _flat(value, np.asarray(before), where)
-    if isinstance(value, (np.ndarray, list, tuple)) and fields_of(value) is None:
+    if isinstance(value, (np.ndarray, list, tuple)) and parts_of(value) is None:
         items = value.reshape(-1).tolist() if isinstance(value, np.ndarray) else value
         return [_one(kind, it, f"{where}[{at}]") for at, it in enumerate(items)]
     raise Unsendable(f"{where} is a sequence, and the value is {kind_of(value)}")
@@ -93,15 +94,18 @@ def _many(kind: Any, value: Any, before: Any, where: str) -> Any:
 
 def _flat(value: npt.NDArray[Any], field: npt.NDArray[Any], where: str) -> Any:
     """Return an array of numbers as a field has it, if each of them fits."""
+    flat = value.reshape(-1)
     if field.dtype.kind not in "biuf":
-        return value.reshape(-1).tolist()
+        return flat.tolist()
+    if flat.dtype == field.dtype:
+        return flat
     with np.errstate(over="ignore", invalid="ignore"):
-        made = value.reshape(-1).astype(field.dtype, copy=False)
-    is_kept = made == value.reshape(-1)
+        made = flat.astype(field.dtype)
+    is_kept = made == flat
     if field.dtype.kind == "f":
         # It is rounded, as any number; but a large one must not become infinite.
-        is_kept = np.isfinite(made) | ~np.isfinite(value.reshape(-1))
+        is_kept = np.isfinite(made) | ~np.isfinite(flat)
     if not is_kept.all():
-        wrong = value.reshape(-1)[~is_kept][0]
+        wrong = flat[~is_kept][0]
         raise Unsendable(f"{where} has numbers of {field.dtype}, and {wrong} is none")
     return made

@@ -135,7 +135,7 @@ def _open(library: Any, stated: dict[str, Any], endpoint: str) -> zenoh.Session:
     try:
         config = library.Config.from_file(file) if file else library.Config()
     except library.ZError as error:
-        raise BridgeError(f"{CONFIG}: {file} cannot be used: {_why(error)}") from None
+        raise BridgeError(f"{CONFIG}: {file} cannot be used: {why(error)}") from None
     values = {key: json.dumps(value) for key, value in stated.items()}
     wanted = overrides(os.environ.get(OVERRIDE, ""))
     try:
@@ -155,13 +155,13 @@ def _open(library: Any, stated: dict[str, Any], endpoint: str) -> zenoh.Session:
         session: zenoh.Session = library.open(config)
     except library.ZError as error:
         raise BridgeError(
-            f"there is no session of Zenoh at {endpoint}: {_why(error)}\n"
+            f"there is no session of Zenoh at {endpoint}: {why(error)}\n"
             "  hint: does a router of Zenoh listen there?"
         ) from None
     return session
 
 
-def _why(error: Exception) -> str:
+def why(error: Exception) -> str:
     """Return what Zenoh says, without where in its source it was noticed."""
     return str(error).partition(" at /")[0].split("\n")[0].rstrip("! .")
 
