@@ -54,14 +54,3 @@ pub(crate) enum Form {
     Json,
     Cdr,
 }
-
-impl Form {
-    /// As the user has typed it.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Raw => "raw",
-            Self::Json => "json",
-            Self::Cdr => "cdr",
-        }
-    }
-}
