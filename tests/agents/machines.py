@@ -285,6 +285,8 @@ class Proxy:
         self.pairs: list[socket.socket] = []
         self.lock = threading.Lock()
         self.is_cut = False
+        #: How many bytes have come through, in both directions.
+        self.carried = 0
         threading.Thread(target=self._accept, daemon=True).start()
 
     def _accept(self) -> None:
@@ -307,10 +309,11 @@ class Proxy:
             for ends in [(client, server), (server, client)]:
                 threading.Thread(target=self._lead, args=ends, daemon=True).start()
 
-    @staticmethod
-    def _lead(source: socket.socket, sink: socket.socket) -> None:
+    def _lead(self, source: socket.socket, sink: socket.socket) -> None:
         try:
             while data := source.recv(1 << 16):
+                with self.lock:
+                    self.carried += len(data)
                 sink.sendall(data)
         except OSError:
             pass

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use hprm::agent::{Answer, Place, Request};
-use hprm::{Clock, random_bytes};
+use hprm::{Clock, ShippingService, random_bytes};
 use hprm_core::{Nanos, PhysicalTime};
 use hprm_federated::relay::{FRAME_LIMIT, Input, Relay};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -50,6 +50,8 @@ struct Agent {
     others: Others,
     /// Since when an older agent of the same name is there.
     rival_since: Option<PhysicalTime>,
+    /// Whether the shipping service leads what others send one another.
+    leads_shipments: Arc<AtomicBool>,
 }
 
 /// Runs an agent until a signal ends it.
@@ -71,6 +73,9 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
     let (links, others) = (BTreeMap::new(), Others::default());
     let (ready, rival_since, buffer) = (Vec::new(), None, vec![0; FRAME_LIMIT].into());
     let starters = Starters::new(&options.name, options.programs.clone());
+    let shipping = ShippingService::open(&options.name).map_err(system)?;
+    let leads_shipments = shipping.leads();
+    leads_shipments.store(options.is_router(options.credentials.as_ref()), Ordering::Relaxed);
     let mut agent = Agent {
         me,
         carrier,
@@ -82,6 +87,7 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
         buffer,
         others,
         rival_since,
+        leads_shipments,
     };
     let leads = match options.is_router(options.credentials.as_ref()) {
         true => ", and is a router",
@@ -90,6 +96,7 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
     println!("the agent of {} listens at {}{leads}", options.name, options.listen.join(" and "));
     // Without a reader of the line, the agent runs as well.
     let _ = std::io::stdout().flush();
+    ship(shipping).map_err(system)?;
     while !agent.wait(&stop) {
         agent.take_events();
         agent.take_requests();
@@ -109,6 +116,19 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
     }
     agent.end();
     Ok(())
+}
+
+/// Has a thread take large values to other machines. It asks the agent for links, as processes do.
+fn ship(service: ShippingService) -> std::io::Result<()> {
+    let thread = std::thread::Builder::new().name("shipping".to_owned());
+    let ship = move || {
+        let Err(error) = service.run();
+        // Its connection with the agent breaks when that ends.
+        if error.kind() != std::io::ErrorKind::BrokenPipe {
+            eprintln!("warning: this agent ships no large values any more: {error}");
+        }
+    };
+    thread.spawn(ship).map(drop)
 }
 
 /// Has the loop end when a thread of Zenoh panics, and returns whether one has.
@@ -305,6 +325,7 @@ impl Agent {
                 }
                 Request::Connect(place) => self.connect(&place, stream),
                 Request::Machines => self.tell_machines(stream),
+                Request::Route(machine) => answer(&stream, &self.route_to(&machine)),
             }
         }
     }
@@ -353,6 +374,15 @@ impl Agent {
         let way = self.carrier.way(&id)?;
         let what = format!("to agent:{place}{}", through(&id));
         Ok((id, Link::new(epoch()?, way, what, socket.into())))
+    }
+
+    /// The machine next on the way to another one.
+    fn route_to(&self, machine: &str) -> Answer {
+        match self.others.find(machine, Clock::now()) {
+            _ if machine == self.me.machine => Answer::Done(machine.to_owned()),
+            Some(other) => Answer::Done(other.router.unwrap_or_else(|| machine.to_owned())),
+            None => Answer::Absent(format!("no agent has the name {machine}")),
+        }
     }
 
     fn tell_machines(&self, stream: UnixStream) {

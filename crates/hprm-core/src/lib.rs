@@ -52,7 +52,7 @@ pub use id::{
     Table, TimerId,
 };
 pub use mode::{ModalElement, Mode, Transition};
-pub use object::{NoMemory, ObjectRef, Part, Payload, copy_of, zeroed};
+pub use object::{NoMemory, ObjectRef, Part, Payload, Shipment, copy_of, zeroed};
 pub use program::{
     Action, Channel, Connection, Coordination, Direction, Effect, Federate, Origin, Port, Program,
     Properties, Reaction, Reactor, Spin, Timer, Trigger, federate_name, means_federate,

@@ -22,6 +22,18 @@ pub struct ObjectRef {
     pub len: u64,
 }
 
+/// A buffer that reaches the receiver's machine apart from the message, once for all receivers there: the message only
+/// names it.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
+pub struct Shipment {
+    /// A random number of the sender.
+    pub stream: u64,
+    /// The number of the shipment in its stream; never used twice.
+    pub number: u64,
+    /// Length in bytes.
+    pub len: u64,
+}
+
 /// One buffer of a payload.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub enum Part {
@@ -29,6 +41,9 @@ pub enum Part {
     Inline(Vec<u8>),
     /// A reference to bytes in the sender's object store.
     Object(ObjectRef),
+    /// The name of bytes that agents take to the receiver's machine. The receiver's end of the link waits for them, so no
+    /// reaction ever sees this.
+    Shipped(Shipment),
 }
 
 /// A value that one federate sends to another (paper, section III-C, adaptive serialization).
@@ -83,6 +98,7 @@ impl Payload {
         let parts = self.parts.iter().map(|part| match part {
             Part::Inline(bytes) => copy_of(bytes).map(Part::Inline),
             Part::Object(object) => Ok(Part::Object(*object)),
+            Part::Shipped(shipment) => Ok(Part::Shipped(*shipment)),
         });
         let parts = parts.collect::<Result<_, _>>()?;
         Ok(Self { head: copy_of(&self.head)?, parts, physical: self.physical })
@@ -94,6 +110,7 @@ impl Payload {
         let parts = self.parts.iter().map(|part| match part {
             Part::Inline(bytes) => bytes.len() as u64,
             Part::Object(object) => object.len,
+            Part::Shipped(shipment) => shipment.len,
         });
         self.head.len() as u64 + parts.sum::<u64>()
     }
@@ -102,7 +119,15 @@ impl Payload {
     pub fn objects(&self) -> impl Iterator<Item = ObjectRef> {
         self.parts.iter().filter_map(|part| match part {
             Part::Object(object) => Some(*object),
-            Part::Inline(_) => None,
+            Part::Inline(_) | Part::Shipped(_) => None,
+        })
+    }
+
+    /// The buffers of this payload that travel apart from it.
+    pub fn shipments(&self) -> impl Iterator<Item = Shipment> {
+        self.parts.iter().filter_map(|part| match part {
+            Part::Shipped(shipment) => Some(*shipment),
+            Part::Inline(_) | Part::Object(_) => None,
         })
     }
 }

@@ -18,7 +18,9 @@ mod chunks;
 mod plain;
 
 use hprm_core::limits::FRAME_LIMIT;
-use hprm_core::{ChannelId, FederateId, NoMemory, ObjectRef, Part, Payload, Tag, copy_of};
+use hprm_core::{
+    ChannelId, FederateId, NoMemory, ObjectRef, Part, Payload, Shipment, Tag, copy_of,
+};
 use serde::{Deserialize, Serialize};
 
 use crate::FederationId;
@@ -104,11 +106,13 @@ struct Envelope {
     physical: bool,
 }
 
-/// What the envelope says of a part of a payload: the length of an inline part, or the reference to an object.
+/// What the envelope says of a part of a payload: the length of an inline part, the reference to an object, or the name
+/// of a shipment.
 #[derive(Debug, Serialize, Deserialize)]
 enum PartHeader {
     Inline(u64),
     Object(ObjectRef),
+    Shipped(Shipment),
 }
 
 /// Whether a message with this payload can be sent: its envelope has to fit into a frame.
@@ -190,7 +194,7 @@ fn reserve(out: &mut Vec<u8>, more: usize) -> Result<(), CodecError> {
 pub fn buffers_of(payload: &Payload) -> impl Iterator<Item = &[u8]> {
     let parts = payload.parts.iter().filter_map(|part| match part {
         Part::Inline(bytes) => Some(bytes.as_slice()),
-        Part::Object(_) => None,
+        Part::Object(_) | Part::Shipped(_) => None,
     });
     std::iter::once(payload.head.as_slice()).chain(parts)
 }
@@ -328,6 +332,7 @@ fn message(body: &[u8]) -> Result<(Frame, usize), CodecError> {
         .map(|header| match header {
             PartHeader::Inline(len) => take(len).map(Part::Inline),
             PartHeader::Object(object) => Ok(Part::Object(object)),
+            PartHeader::Shipped(shipment) => Ok(Part::Shipped(shipment)),
         })
         .collect::<Result<_, _>>()?;
     let payload = Payload { head, parts, physical: envelope.physical };
@@ -356,6 +361,7 @@ impl PartHeader {
         match part {
             Part::Inline(bytes) => Self::Inline(bytes.len() as u64),
             Part::Object(object) => Self::Object(*object),
+            Part::Shipped(shipment) => Self::Shipped(*shipment),
         }
     }
 }
@@ -387,7 +393,11 @@ mod tests {
             let owner = FederateId(owner);
             Part::Object(ObjectRef { owner, serial, segment, offset, len })
         });
-        prop_oneof![prop::collection::vec(any::<u8>(), 0..300).prop_map(Part::Inline), object]
+        let shipment = any::<(u64, u64, u64)>();
+        let shipment = shipment
+            .prop_map(|(stream, number, len)| Part::Shipped(Shipment { stream, number, len }));
+        let inline = prop::collection::vec(any::<u8>(), 0..300).prop_map(Part::Inline);
+        prop_oneof![inline, object, shipment]
     }
 
     fn message() -> impl Strategy<Value = Frame> {

@@ -289,6 +289,18 @@ impl Federate {
         self.startup.shares_memory_with(peer)
     }
 
+    /// Where a peer accepts direct links, and on which machine it gets shipments, as it says.
+    #[must_use]
+    pub fn listens_at(&self, peer: FederateId) -> Option<String> {
+        self.startup.address(peer)
+    }
+
+    /// The federate that sends on a channel.
+    #[must_use]
+    pub fn sender(&self, channel: ChannelId) -> Option<FederateId> {
+        self.topology.channels().get(channel).map(|channel| channel.from)
+    }
+
     /// Whether a peer has not ended, as far as is known.
     #[must_use]
     pub fn is_live(&self, peer: FederateId) -> bool {

@@ -12,11 +12,11 @@ use serde::{Deserialize, Serialize};
 use crate::Step;
 
 /// The version of the frames and of their meaning; both ends of a link must have the same.
-pub const PROTOCOL: u32 = 14;
+pub const PROTOCOL: u32 = 15;
 
 /// Identifies a federation. The driver keeps it secret if processes have to prove that they know it; then frames
 /// carry an id that is derived from it.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct FederationId(pub u128);
 
 impl fmt::Display for FederationId {
@@ -86,8 +86,29 @@ pub struct Peer {
     pub incarnation: u32,
     /// Where it runs.
     pub host: HostId,
-    /// Where it accepts direct links, if it does.
+    /// Where it accepts direct links, and on which machine it gets shipments, if it does: words, of which
+    /// [`machine_in`] and [`addresses_in`] tell the two apart.
     pub listen: Option<String>,
+}
+
+/// What stands before the name of the machine on which a federate gets shipments.
+const SHIPMENTS: &str = "shipments:";
+
+/// What a federate says in `listen` if it gets shipments through the agent of that machine.
+#[must_use]
+pub fn shipments_to(machine: &str) -> String {
+    format!("{SHIPMENTS}{machine}")
+}
+
+/// The machine on which a federate gets shipments that says this in `listen`, if it does.
+#[must_use]
+pub fn machine_in(listen: &str) -> Option<&str> {
+    listen.split_whitespace().find_map(|word| word.strip_prefix(SHIPMENTS))
+}
+
+/// The addresses at which a federate accepts direct links that says this in `listen`.
+pub fn addresses_in(listen: &str) -> impl Iterator<Item = &str> {
+    listen.split_whitespace().filter(|word| !word.starts_with(SHIPMENTS))
 }
 
 /// Why a federate may not join, or a peer may not link.
@@ -205,7 +226,7 @@ pub enum Frame {
         federate: FederateId,
         /// Where it runs.
         host: HostId,
-        /// Where it accepts direct links, if it does.
+        /// Where it accepts direct links, and on which machine it gets shipments, if it does.
         listen: Option<String>,
         /// Which process asks, and for which time.
         attempt: Attempt,

@@ -37,7 +37,7 @@ impl ArrivedValue {
         let payload = serialize::encode(value, Place::inline(), HERE)?.payload;
         let parts = payload.parts.into_iter().filter_map(|part| match part {
             Part::Inline(bytes) => Some(ReceivedPart::Inline(Arc::new(bytes))),
-            Part::Object(_) => None, // there is no store
+            Part::Object(_) | Part::Shipped(_) => None, // there is no store
         });
         Ok(Self { head: payload.head, parts: parts.collect() })
     }

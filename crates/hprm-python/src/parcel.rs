@@ -62,7 +62,7 @@ impl Parcel {
         let payload = serialize::encode(value, Place::inline(), trust)?.payload;
         let parts = payload.parts.into_iter().filter_map(|part| match part {
             hprm_core::Part::Inline(bytes) => Some(ReceivedPart::Inline(Arc::new(bytes))),
-            hprm_core::Part::Object(_) => None,
+            hprm_core::Part::Object(_) | hprm_core::Part::Shipped(_) => None,
         });
         Ok(Self::Encoded { head: payload.head, parts: parts.collect() })
     }

@@ -34,7 +34,7 @@ pub(crate) fn encode<'py>(
         serialize::encode(value, Place::inline(), Trust::new(Pickling::Local, local))?.payload;
     let parts = payload.parts.iter().filter_map(|part| match part {
         Part::Inline(bytes) => Some(PyBytes::new(py, bytes)),
-        Part::Object(_) => None,
+        Part::Object(_) | Part::Shipped(_) => None,
     });
     Ok((PyBytes::new(py, &payload.head), parts.collect()))
 }

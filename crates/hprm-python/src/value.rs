@@ -85,6 +85,7 @@ impl Value {
         let parts = payload.parts.into_iter().filter_map(|part| match part {
             hprm_core::Part::Inline(bytes) => Some(ReceivedPart::Inline(Arc::new(bytes))),
             hprm_core::Part::Object(_) => objects.next().map(ReceivedPart::Object),
+            hprm_core::Part::Shipped(_) => None,
         });
         let content = Content::Bytes { head: payload.head, parts: parts.collect() };
         Self::received(at, codec, content, trust)

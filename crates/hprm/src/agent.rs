@@ -4,6 +4,7 @@
 //! [`Request::Connect`] the connection is the link: the bytes of both ends follow. After [`Request::Listen`] it is a
 //! registration: for each link that another machine opens, the agent sends a byte with the descriptor of a connection.
 //! After [`Request::Machines`] the agent sends a list of [`Machine`] as JSON, and ends the connection.
+//! [`Request::Route`] asks which machine is next on the way to another one: that one, or one in the middle.
 //! The agent links Zenoh; this crate only knows these lines.
 
 mod machines;
@@ -126,12 +127,14 @@ pub enum Request {
     Listen(Place),
     /// What is known of all machines.
     Machines,
+    /// The machine next on the way to another one.
+    Route(String),
 }
 
 /// What the agent answers.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Answer {
-    /// It is done. The text is the name of the machine.
+    /// It is done. The text is the name of the machine: that of the agent, or the one that was asked for.
     Done(String),
     /// There is no such machine or listener, perhaps not yet.
     Absent(String),
@@ -148,6 +151,7 @@ impl fmt::Display for Request {
             Self::Connect(place) => writeln!(f, "{VERSION} connect {place}"),
             Self::Listen(place) => writeln!(f, "{VERSION} listen {place}"),
             Self::Machines => writeln!(f, "{VERSION} machines"),
+            Self::Route(machine) => writeln!(f, "{VERSION} route {machine}"),
         }
     }
 }
@@ -162,11 +166,13 @@ impl Request {
         let wrong = || "the request is none that this version of the agent knows".to_owned();
         let rest = line.strip_prefix(VERSION).ok_or_else(wrong)?.trim_start();
         let (word, place) = rest.split_once(' ').unwrap_or((rest, ""));
+        let machine = is_name(place).then_some(place);
         let place = || place.parse().map_err(|()| wrong());
         match word {
             "connect" => Ok(Self::Connect(place()?)),
             "listen" => Ok(Self::Listen(place()?)),
             "machines" => Ok(Self::Machines),
+            "route" => machine.map(|it| Self::Route(it.to_owned())).ok_or_else(wrong),
             _ => Err(wrong()),
         }
     }
@@ -211,13 +217,20 @@ mod tests {
             Request::Connect(place.clone()),
             Request::Listen(Place::here("a.b_c")),
             Request::Machines,
+            Request::Route("robot-1".to_owned()),
         ] {
             let line = request.to_string();
             assert_eq!(Request::read(line.strip_suffix('\n').unwrap()), Ok(request));
         }
-        for text in
-            ["", "connect a/b", "hprm-agent-1", "hprm-agent-1 connect a", "hprm-agent-2 machines"]
-        {
+        for text in [
+            "",
+            "connect a/b",
+            "hprm-agent-1",
+            "hprm-agent-1 connect a",
+            "hprm-agent-2 machines",
+            "hprm-agent-1 route",
+            "hprm-agent-1 route a/b",
+        ] {
             assert!(Request::read(text).is_err(), "{text}");
         }
         let long = Answer::Absent(format!("two\nlines {}", "ü".repeat(LINE_LIMIT))).to_string();

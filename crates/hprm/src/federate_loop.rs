@@ -9,6 +9,7 @@
 //! and the federate's machine whether that tag may begin.
 
 pub(crate) mod boards;
+mod holding;
 mod links;
 mod membership;
 mod objects;
@@ -37,6 +38,7 @@ use crate::link::Network;
 use crate::link::descriptors::no_notifier;
 use crate::log::log_names;
 use crate::recorder::{Flags, Kind, LoopRecording, Member, Recorder, Size, Waiting};
+use crate::shipping;
 use crate::trace::Trace;
 use crate::workers::Workers;
 use crate::{Clock, Failure, Host, Inbox, Report, ValueExchange, enter_realtime};
@@ -412,6 +414,10 @@ where
     #[inline(never)]
     fn release(&mut self, dropped: BTreeMap<FederateId, Vec<u64>>) -> Result<(), Failure> {
         for (owner, serials) in dropped {
+            if owner == shipping::SERVICE {
+                self.federation.links.shipping().into_iter().for_each(|it| it.release(&serials));
+                continue;
+            }
             self.handle(Input::Release { owner, serials })?;
         }
         Ok(())
@@ -535,6 +541,7 @@ where
         while let Some(message) = self.scheduler.poll_outbound() {
             self.send(message)?;
         }
+        self.federation.leave_shipments();
         self.send_releases()
     }
 
@@ -565,12 +572,11 @@ where
         if self.federation.is_watched() {
             self.show((channel, arrives), Ok(&payload));
         }
-        let objects = &mut self.federation.objects;
         let (mut payload, changes) = if precede {
-            let changes = objects.share(&payload, to)?;
+            let changes = self.federation.objects.share(&payload, to)?;
             (payload, changes)
         } else {
-            (objects.inline(payload)?, Changes::default())
+            (self.federation.carried(payload, to, route.physical)?, Changes::default())
         };
         for (segment, len) in changes.mapped {
             self.handle(Input::Segment { reader: to, segment, len })?;

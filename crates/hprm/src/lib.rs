@@ -46,7 +46,9 @@ mod program;
 mod random;
 mod realtime;
 pub mod recorder;
+mod records;
 mod rti_loop;
+mod shipping;
 mod spin;
 mod staging;
 mod stall;
@@ -86,6 +88,7 @@ pub use program::{
 pub use random::{random_bytes, random_federation};
 pub use realtime::enter_realtime;
 pub use rti_loop::{Rti, RtiEvent, RtiHandle, RtiOptions};
+pub use shipping::{SHIPMENTS, ShippingService};
 pub use staging::{STAGE, Stage, is_stage_of};
 pub use stall::{ReactionRun, Stall, StallWatch};
 pub use stop_timer::{StopProgress, StopStep, StopTimer};

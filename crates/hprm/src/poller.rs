@@ -16,6 +16,7 @@ use crate::Clock;
 use crate::federate_loop::boards::Boards;
 use crate::link::{Link, LinkAcceptor};
 use crate::notifier::Notifier;
+use crate::shipping::Shipping;
 use crate::wait::{
     Few, Interest, Interests, KERNEL_POLL_INTERVAL, Readiness, Ready, SPIN_KERNEL_POLL_INTERVAL,
     Source, SourceId, wait,
@@ -59,10 +60,21 @@ pub(crate) trait PollSet {
         None
     }
 
+    /// What takes large values to other machines, if agents do that.
+    fn shipping(&self) -> Option<&Shipping> {
+        None
+    }
+
+    /// The same.
+    fn shipping_mut(&mut self) -> Option<&mut Shipping> {
+        None
+    }
+
     /// Whether there may be something to read or to accept.
     fn may_be_readable(&self) -> bool {
         self.acceptor().is_some_and(|acceptor| acceptor.is_ready)
             || self.boards().is_some_and(Boards::have_news)
+            || self.shipping().is_some_and(Shipping::is_ready)
             || self.polled_links().any(PolledLink::may_be_read)
     }
 
@@ -270,7 +282,8 @@ impl Poller {
         let acceptor_wakeup =
             on.acceptor().and_then(|acceptor| acceptor.inner.next_wakeup()).map(Clock::at);
         let unread = on.polled_links().any(PolledLink::may_be_read)
-            || on.boards().is_some_and(Boards::have_news);
+            || on.boards().is_some_and(Boards::have_news)
+            || on.shipping().is_some_and(Shipping::is_ready);
         let unread = unread.then(Clock::now);
         let until = until.into_iter().chain(acceptor_wakeup).chain(unread).min();
         let mut ready = self.ready(on, wakeups, until).into_iter();
@@ -285,6 +298,11 @@ impl Poller {
         if let Some(watch) = on.watch_mut() {
             watch.note(&mut ready);
         }
+        if let Some(shipping) = on.shipping_mut().filter(|it| it.is_open())
+            && let Some(ready) = ready.next()
+        {
+            shipping.note(ready);
+        }
         on.polled_links_mut().zip(&mut ready).for_each(|(polled, ready)| {
             polled.note(ready.can_be_read());
             peer_activity |= ready.can_be_written();
@@ -297,7 +315,7 @@ impl Poller {
         Found { notified, peer_activity, readable: on.may_be_readable() }
     }
 
-    /// Waits for the wakeups, the notifier, watchers, the links in their order, and the acceptor.
+    /// Waits for the wakeups, the notifier, watchers, shipments, the links in their order, and the acceptor.
     fn ready(
         &mut self,
         on: &impl PollSet,
@@ -309,6 +327,7 @@ impl Poller {
         wanted.push(Source { id: ids.0, interest: to_read(wakeups) });
         wanted.extend(notifier.iter().map(|it| Source { id: ids.1, interest: to_read(it) }));
         wanted.extend(on.watch().into_iter().flat_map(WatchServer::sources));
+        wanted.extend(on.shipping().and_then(Shipping::source));
         wanted.extend(on.polled_links().map(PolledLink::source));
         wanted.extend(on.acceptor().into_iter().flat_map(|acceptor| acceptor.inner.sources()));
         sources.wait(&wanted, until)

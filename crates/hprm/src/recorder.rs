@@ -173,6 +173,7 @@ impl Size {
             match part {
                 Part::Inline(bytes) => inside += bytes.len() as u64,
                 Part::Object(object) => shared += object.len,
+                Part::Shipped(shipment) => shared += shipment.len,
             }
         }
         Self { inside, shared, flags }

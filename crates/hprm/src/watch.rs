@@ -10,13 +10,11 @@
 //! so is what a watcher could only get while it holds more than a few objects.
 //!
 //! Under this module: `tap.rs` decides which message goes to which watcher, and counts; it is a machine. `tally.rs` is
-//! what is counted for a channel. `records.rs` is what the two ends say to one another, `record_socket.rs` carries
-//! that, with descriptors. `server.rs` is the federate's end. Of the other end, `watcher.rs` sees what a federate sends;
+//! what is counted for a channel. `records.rs` is what the two ends say to one another. `server.rs` is the federate's end. Of the other end, `watcher.rs` sees what a federate sends;
 //! `search.rs` finds what a user wants to watch, `target.rs` says which channels a port has, and `connecting.rs` connects to
 //! federates, which are found by their boards. `sights.rs` waits for all of them.
 
 mod connecting;
-mod record_socket;
 mod records;
 mod search;
 mod server;

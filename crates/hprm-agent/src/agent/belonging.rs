@@ -2,6 +2,8 @@
 //!
 //! Links outlive that, as they outlive a network that breaks for a moment; those to machines that were taken out end.
 
+use std::sync::atomic::Ordering;
+
 use hprm::Clock;
 use hprm::agent::Answer;
 use hprm_federated::relay::Input;
@@ -65,6 +67,7 @@ impl Agent {
         self.others.clear();
         self.rival_since = None;
         self.carrier.reopen(options, &credentials)?;
+        self.leads_shipments.store(options.is_router(Some(&credentials)), Ordering::Relaxed);
         let failed = |error| Failure::new(format!("Zenoh fails: {error}"));
         for (id, link) in &mut self.links {
             link.redirect(self.carrier.way(id).map_err(failed)?);

@@ -46,7 +46,7 @@ impl Outgoing {
                 let envelope = Some(Envelope::of(channel, tag, &payload));
                 let parts = payload.parts.into_iter().filter_map(|part| match part {
                     Part::Inline(bytes) => Some(bytes),
-                    Part::Object(_) => None,
+                    Part::Object(_) | Part::Shipped(_) => None,
                 });
                 let buffers = std::iter::once(payload.head).chain(parts);
                 let buffers = buffers.filter(|bytes| !bytes.is_empty()).collect();
@@ -177,6 +177,7 @@ impl Incoming {
                 self.payload.parts.push(Part::Inline(Vec::new()));
             }
             Some(PartHeader::Object(object)) => self.payload.parts.push(Part::Object(object)),
+            Some(PartHeader::Shipped(it)) => self.payload.parts.push(Part::Shipped(it)),
             None => unreachable!("the bytes that are missing belong to a header"),
         }
     }

@@ -3,6 +3,7 @@
 use hprm_core::{FederateId, Nanos, PhysicalTime, Tag};
 
 use super::{LinkId, Phase, Rti, RtiOutput};
+use crate::frame::addresses_in;
 use crate::{Fault, Frame, HostId, Missing, PROTOCOL, Peer, Refusal, boards};
 
 /// How many federates with other programs are compared at a time. The RTI refuses further ones without
@@ -187,7 +188,8 @@ impl Rti {
     /// A federate that joins late could not know what the others have found on boards.
     fn may_use_boards(&self, peers: &[Peer]) -> bool {
         let one_host = peers.windows(2).all(|pair| pair[0].host == pair[1].host);
-        let all_listen = peers.iter().all(|peer| peer.listen.is_some());
+        let accepts = |listen: &String| addresses_in(listen).next().is_some();
+        let all_listen = peers.iter().all(|peer| peer.listen.as_ref().is_some_and(accepts));
         let centralized = self.topology.coordination() == hprm_core::Coordination::Centralized;
         let few = self.topology.federates().count() <= boards::FEDERATES;
         let fits = centralized && few && !self.topology.has_transients();

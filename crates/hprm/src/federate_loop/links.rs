@@ -11,7 +11,7 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use hprm_core::limits::EAGER_BUFFER;
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, SortedMap};
 use hprm_federated::codec::CodecError;
-use hprm_federated::{Carried, FederationId, Frame, HostId, Input};
+use hprm_federated::{Carried, FederationId, Frame, HostId, Input, shipments_to};
 
 use super::FederateOptions;
 use super::boards::Boards;
@@ -22,6 +22,7 @@ use crate::agent::agent_address;
 use crate::frame_log::{FrameLog, Party};
 use crate::link::{Keys, Link, LinkAcceptor, Network, Purpose};
 use crate::poller::{Broken, Found, PollSet, PolledAcceptor, PolledLink, Poller};
+use crate::shipping::Shipping;
 use crate::spin;
 use crate::variables::may_use_boards;
 use crate::wait::{Deadline, Interest, wait};
@@ -70,6 +71,12 @@ impl LinkSerial {
     /// The number of the link to the RTI, and of the link to a peer if there has been none: less than that of any
     /// link to a peer.
     const RTI: Self = Self(0);
+
+    /// The link of that number.
+    #[cfg(test)]
+    pub(super) fn of(number: u64) -> Self {
+        Self(number)
+    }
 }
 
 /// For each peer, the numbers of the latest links, and the greatest number that was in use when this federate
@@ -129,6 +136,8 @@ struct PolledLinks {
     watch: Option<WatchServer>,
     /// What federates show one another, if that coordinates them.
     boards: Option<Boards>,
+    /// Takes large values to other machines, and gets theirs, if agents do that.
+    shipping: Option<Shipping>,
 }
 
 impl PollSet for PolledLinks {
@@ -159,6 +168,14 @@ impl PollSet for PolledLinks {
     fn boards(&self) -> Option<&Boards> {
         self.boards.as_ref()
     }
+
+    fn shipping(&self) -> Option<&Shipping> {
+        self.shipping.as_ref()
+    }
+
+    fn shipping_mut(&mut self) -> Option<&mut Shipping> {
+        self.shipping.as_mut()
+    }
 }
 
 impl PolledLinks {
@@ -187,9 +204,11 @@ impl FederateLinks {
         let mut search = Search::new(options);
         let rti = search.find(&keys, &network)?;
         let decentralized = options.program.properties.coordination == Coordination::Decentralized;
-        let (mut acceptor, mut advertised) = (None, None);
+        let mut acceptor = None;
+        let mut addresses = String::new();
         if decentralized || rti.is_local() && may_use_boards(&network)? {
-            let (listeners, addresses) = reach::listen(options, &rti, &keys, &network)?;
+            let listeners;
+            (listeners, addresses) = reach::listen(options, &rti, &keys, &network)?;
             let members = options.program.federates.len();
             acceptor = Some(PolledAcceptor::new(LinkAcceptor::new(
                 listeners,
@@ -197,8 +216,13 @@ impl FederateLinks {
                 keys.clone(),
                 members,
             )));
-            advertised = Some(addresses);
         }
+        let shipping = reach::is_reached_through_agent(options) && !in_process;
+        let shipping = shipping.then(|| Shipping::join(keys.name(), options.federate)).flatten();
+        let shipments = shipping.iter().map(|it| shipments_to(it.machine()));
+        let words: Vec<_> = [addresses].into_iter().chain(shipments).collect();
+        let words = words.join(" ");
+        let advertised = (!words.trim().is_empty()).then(|| words.trim().to_owned());
         let agent = match options.rti {
             Address::Agent(_) => agent_address().ok(),
             _ => None,
@@ -214,6 +238,7 @@ impl FederateLinks {
                 acceptor,
                 watch: None,
                 boards: None,
+                shipping,
             },
             search,
             openings: Openings::new(&options.reach),
@@ -239,6 +264,11 @@ impl FederateLinks {
     /// What shows messages to watchers, if this federate can be watched.
     pub(super) fn watch(&mut self) -> Option<&mut WatchServer> {
         self.polled.watch.as_mut()
+    }
+
+    /// What takes large values to other machines, if agents do that.
+    pub(super) fn shipping(&mut self) -> Option<&mut Shipping> {
+        self.polled.shipping.as_mut()
     }
 
     /// Drops the link to the RTI, which is broken. This federate then looks for the RTI, and joins again over a
@@ -496,6 +526,9 @@ impl FederateLinks {
     /// Closes the links in order: writes everything within `timeout`, and makes sure that it arrives. With
     /// `all`, `timeout` begins again whenever the kernel has taken some bytes of a long message.
     pub(super) fn close_in_order(&mut self, timeout: Nanos, all: bool) {
+        if let Some(shipping) = &mut self.polled.shipping {
+            shipping.finish(Clock::now().plus(timeout));
+        }
         self.poller.drain(&mut self.polled, timeout, all);
         let until = Clock::now().plus(timeout);
         // If this end closed a TCP connection before it has read everything, the kernel would reset the

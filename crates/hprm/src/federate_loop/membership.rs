@@ -5,10 +5,11 @@
 
 use std::sync::Arc;
 
-use hprm_core::{FederateId, Fingerprint, Nanos, Program};
-use hprm_federated::{Federate, FederationId, Input, Output, relay};
+use hprm_core::{FederateId, Fingerprint, Nanos, Payload, Program};
+use hprm_federated::{Federate, FederationId, Input, Output, machine_in, relay};
 use hprm_store::{Store, StoreLimits};
 
+use super::holding::Held;
 use super::links::{FederateLinks, LinkSerial};
 use super::objects::Objects;
 use super::outlive::EndProcess;
@@ -56,6 +57,8 @@ pub(super) struct Membership {
     pub(super) links: FederateLinks,
     pub(super) objects: Objects,
     pub(super) time: Time,
+    /// Messages that wait for shipments, and what waits behind them.
+    pub(super) held: Held,
 }
 
 impl Membership {
@@ -86,7 +89,7 @@ impl Membership {
         let wake = Box::new(move || notified.notify());
         let objects = Objects::new(Store::with_wake(options.federate, options.store, wake));
         let time = Time::new(&options.program, &links);
-        let mut membership = Self { machine, links, objects, time };
+        let mut membership = Self { machine, links, objects, time, held: Held::default() };
         // The first frame leaves before the program is loaded.
         membership.send_to_rti();
         membership.links.flush();
@@ -101,7 +104,37 @@ impl Membership {
     /// Adds what has come from links.
     pub(super) fn read(&mut self, inputs: &mut Vec<(LinkSerial, Input)>) -> Result<(), Failure> {
         let Self { machine, links, .. } = self;
-        links.read(|hello| machine.admit(hello).ok(), inputs)
+        links.read(|hello| machine.admit(hello).ok(), inputs)?;
+        self.await_shipments(inputs)
+    }
+
+    /// The payload as it travels to a federate that does not share memory with this one: large parts as shipments, if
+    /// agents take them there, and all others in the message.
+    pub(super) fn carried(
+        &mut self,
+        mut payload: Payload,
+        to: FederateId,
+        is_physical: bool,
+    ) -> Result<Payload, Failure> {
+        let Self { machine, links, objects, .. } = self;
+        if payload.objects().next().is_some()
+            && let Some(shipping) = links.shipping()
+            && let Some(listens) = machine.listens_at(to)
+            && let Some(there) = machine_in(&listens)
+        {
+            let loaded =
+                shipping.load(&mut payload, (there, to), is_physical, &mut objects.store());
+            loaded.map_err(|error| Failure::store(&error))?;
+        }
+        objects.inline(payload)
+    }
+
+    /// Hands over what agents take to other machines: all messages of a tag are known.
+    pub(super) fn leave_shipments(&mut self) {
+        let Self { links, objects, .. } = self;
+        if let Some(shipping) = links.shipping() {
+            shipping.leave(&mut objects.store());
+        }
     }
 
     /// Tells the federation why this federate ends, and returns the failure.

@@ -7,7 +7,7 @@ use std::net::{IpAddr, SocketAddr};
 use std::os::unix::fs::MetadataExt;
 use std::time::Duration;
 
-use hprm_federated::HostId;
+use hprm_federated::{HostId, addresses_in};
 
 use super::FederateOptions;
 use crate::agent::Place;
@@ -51,7 +51,7 @@ impl Default for Reach {
 pub(super) fn peer_address(addresses: &str, same_host: bool) -> Result<Address, String> {
     let unreachable = |error: &dyn std::fmt::Display| format!("at {addresses}: {error}");
     let mut parsed = Vec::new();
-    for text in addresses.split_whitespace() {
+    for text in addresses_in(addresses) {
         parsed.push(text.parse::<Address>().map_err(|error| unreachable(&error))?);
     }
     let preferred = parsed.iter().position(|address| address.is_unix() == same_host);

@@ -1,6 +1,6 @@
 //! What the loop shows of itself on its board. Nothing here decides anything.
 
-use hprm_core::{ChannelId, Part, Payload, PhysicalTime, Tag};
+use hprm_core::{ChannelId, Payload, PhysicalTime, Tag};
 
 use super::{FederateLoop, Phase};
 use crate::board::{
@@ -58,7 +58,7 @@ impl Counts {
     pub(super) fn message(&mut self, channel: ChannelId, tag: Tag, payload: &Payload) {
         if let Some(count) = self.channels.get_mut(channel.index()) {
             count.messages += 1;
-            count.bytes += if self.in_process { 0 } else { bytes_of(payload) };
+            count.bytes += if self.in_process { 0 } else { payload.byte_count() };
             count.last = Some(tag);
         }
     }
@@ -69,14 +69,6 @@ impl Counts {
         let late = taken.map_or(tag <= current, |taken| taken != tag);
         self.tardy += u64::from(late);
     }
-}
-
-fn bytes_of(payload: &Payload) -> u64 {
-    let part = |part: &Part| match part {
-        Part::Inline(bytes) => bytes.len() as u64,
-        Part::Object(object) => object.len,
-    };
-    payload.head.len() as u64 + payload.parts.iter().map(part).sum::<u64>()
 }
 
 impl<H: Host> FederateLoop<'_, H>

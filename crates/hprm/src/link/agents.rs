@@ -37,14 +37,14 @@ pub(crate) fn connect_through_agent(place: &Place, time: Duration) -> io::Result
 }
 
 /// Registers a listener. Returns also the place that it has.
-pub(super) fn listen(place: &Place) -> io::Result<(UnixStream, Place)> {
+pub(crate) fn listen(place: &Place) -> io::Result<(UnixStream, Place)> {
     let deadline = within(REGISTRATION);
     let (registration, machine) = ask(&Request::Listen(place.clone()), deadline)?;
     Ok((registration, Place { machine, name: place.name.clone() }))
 }
 
 /// The next connection that the agent hands over, if there is one.
-pub(super) fn accept(registration: &UnixStream) -> io::Result<Option<UnixStream>> {
+pub(crate) fn accept(registration: &UnixStream) -> io::Result<Option<UnixStream>> {
     let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(1))];
     let mut control = RecvAncillaryBuffer::new(&mut space);
     let mut byte = [0];
@@ -60,6 +60,11 @@ pub(super) fn accept(registration: &UnixStream) -> io::Result<Option<UnixStream>
     });
     let descriptor: Option<OwnedFd> = descriptors.last();
     Ok(descriptor.map(UnixStream::from))
+}
+
+/// The machine next on the way to another one.
+pub(crate) fn route(machine: &str, time: Duration) -> io::Result<String> {
+    ask(&Request::Route(machine.to_owned()), within(time)).map(|(_, text)| text)
 }
 
 /// What the agent knows of all machines.

@@ -145,6 +145,8 @@ impl Transport {
             Some(match part {
                 Part::Inline(bytes) => Arc::new(bytes),
                 Part::Object(_) => Arc::new(InStore(objects.next()?)),
+                // The link has put an object in its place.
+                Part::Shipped(_) => return None,
             })
         });
         let parts: Vec<_> = parts.collect();

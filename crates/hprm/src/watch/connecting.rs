@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 
 use hprm_core::{ChannelId, FederateId, Program};
 
-use super::record_socket::RecordSocket;
 use super::records::{self, Introduction, Told};
 use super::watcher::{WatchError, Watching, next_of};
 use super::{Wish, socket_name};
 use crate::board::RunningFederation;
+use crate::records::RecordSocket;
 
 /// How long federates may take to answer: one may be busy in a reaction, and another one is meant.
 const FIRST_ANSWER: Duration = Duration::from_secs(2);

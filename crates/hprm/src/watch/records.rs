@@ -1,13 +1,13 @@
-//! What a watcher and a federate say to one another: records, each a value in the format of `postcard`.
+//! What a watcher and a federate say to one another, as records.
 //!
 //! The two are processes of one user on one machine. The first record of the federate begins with [`VERSION`], so that
 //! processes of different versions notice that they are.
 
 use hprm_core::{ChannelId, FederateId, Nanos, Payload, PhysicalTime, Program, Tag};
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::Tally;
+use crate::records::{decode, encode};
 
 /// The version of this protocol.
 pub(super) const VERSION: u32 = 2;
@@ -88,17 +88,6 @@ pub(super) enum Content {
     TooLarge,
     /// It has no encoding: between threads of one process, it needs none.
     Unencodable(String),
-}
-
-/// A record as bytes.
-pub(super) fn encode(record: &impl Serialize) -> Vec<u8> {
-    postcard::to_allocvec(record).expect("records are plain data")
-}
-
-/// The record that is in some bytes; none if they are no record.
-pub(super) fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Option<T> {
-    let (record, rest) = postcard::take_from_bytes(bytes).ok()?;
-    rest.is_empty().then_some(record)
 }
 
 /// The first record of a federate, with the version in front.

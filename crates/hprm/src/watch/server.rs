@@ -3,7 +3,7 @@
 //! It never waits. The tap decides which watcher gets what; this file moves it, and keeps the ledger of the store in step: a
 //! watcher holds an object from the moment its message is in the socket.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 use std::sync::Arc;
@@ -11,11 +11,11 @@ use std::sync::Arc;
 use hprm_core::{ChannelId, FederateId, Payload, Program, Tag};
 use hprm_store::Store;
 
-use super::record_socket::{RecordListener, RecordSocket, SHORT};
-use super::records::{self, Ask, Content, Introduction, Seen, Told};
+use super::records::{Ask, Content, Introduction, Seen, Told, encode_first};
 use super::tap::{Sample, Share, Tap};
 use super::{WATCHERS, reader, socket_name};
 use crate::Clock;
+use crate::records::{self, RecordListener, RecordQueue, RecordSocket, SHORT, may_be_tried_again};
 use crate::wait::{Interest, Ready, Source, SourceId};
 
 /// The part of the store's capacity that all watchers together may hold: a watcher that stands still must not be the
@@ -52,9 +52,8 @@ pub(crate) struct WatchServer {
 #[derive(Debug)]
 struct Connection {
     id: SourceId,
-    socket: RecordSocket,
-    /// What had no room in the socket, and must not be lost.
-    owed: VecDeque<(Vec<u8>, Option<OwnedFd>)>,
+    /// What must not be lost waits in it, if there is no room.
+    queue: RecordQueue,
 }
 
 /// A watcher cannot get a record now, or never any more.
@@ -96,7 +95,7 @@ impl WatchServer {
         let listener = Source { id: self.id, interest: to_read(self.listener.as_fd()) };
         let watchers = self.watchers.values();
         let watchers =
-            watchers.map(move |it| Source { id: it.id, interest: to_read(it.socket.as_fd()) });
+            watchers.map(move |it| Source { id: it.id, interest: to_read(it.queue.as_fd()) });
         std::iter::once(listener).chain(watchers)
     }
 
@@ -141,13 +140,13 @@ impl WatchServer {
     /// Introduces this federate to a watcher. One that cannot be told now, at first, is none.
     fn admit(&mut self, socket: RecordSocket) {
         let Some(watcher) = (0..WATCHERS).find(|it| !self.watchers.contains_key(it)) else {
-            let _ = socket.send(&records::encode_first(&Told::Full), None);
+            let _ = socket.send(&encode_first(&Told::Full), None);
             return;
         };
         let introduction = Introduction { program: (*self.program).clone(), federate: self.me };
-        let first = records::encode_first(&Told::Federate(Box::new(introduction)));
+        let first = encode_first(&Told::Federate(Box::new(introduction)));
         if socket.send(&first, None).is_ok() {
-            let connection = Connection { id: SourceId::new(), socket, owed: VecDeque::new() };
+            let connection = Connection { id: SourceId::new(), queue: RecordQueue::new(socket) };
             self.watchers.insert(watcher, connection);
         }
     }
@@ -157,14 +156,12 @@ impl WatchServer {
         for _ in 0..READS {
             let Some(connection) = self.watchers.get_mut(&watcher) else { return Ok(()) };
             connection.settle()?;
-            match connection.socket.receive() {
+            match connection.queue.receive() {
                 Ok(Some((record, _))) => {
                     let ask = records::decode(&record).ok_or(Unsent::Ever)?;
                     self.obey(watcher, ask, store)?;
                 }
-                Ok(None) => return Err(Unsent::Ever),
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Ok(None) => return Ok(()),
                 Err(_) => return Err(Unsent::Ever),
             }
         }
@@ -278,20 +275,17 @@ impl WatchServer {
         }
         let Some(connection) = self.watchers.get_mut(&watcher) else { return Err(Unsent::Ever) };
         connection.settle()?;
-        if !connection.owed.is_empty() {
+        if connection.queue.waiting() > 0 {
             return Err(Unsent::Now);
         }
-        unsent(connection.socket.send(&records::encode(&Told::Message(seen)), None))
+        unsent(connection.queue.socket().send(&records::encode(&Told::Message(seen)), None))
     }
 
     /// Tells a watcher something that must not be lost: if there is no room now, it is sent later.
     fn tell(&mut self, watcher: u16, told: &Told, with: Option<OwnedFd>) -> Result<(), Unsent> {
         let Some(connection) = self.watchers.get_mut(&watcher) else { return Err(Unsent::Ever) };
-        connection.owed.push_back((records::encode(told), with));
-        if connection.owed.len() > MOST_OWED {
-            return Err(Unsent::Ever);
-        }
-        connection.settle()
+        connection.queue.push(records::encode(told), with).map_err(|_| Unsent::Ever)?;
+        if connection.queue.waiting() > MOST_OWED { Err(Unsent::Ever) } else { Ok(()) }
     }
 
     /// A watcher is gone: it holds nothing any more.
@@ -305,21 +299,14 @@ impl WatchServer {
 impl Connection {
     /// Sends what is owed, as far as there is room.
     fn settle(&mut self) -> Result<(), Unsent> {
-        while let Some((record, with)) = self.owed.front() {
-            match unsent(self.socket.send(record, with.as_ref().map(AsFd::as_fd))) {
-                Ok(()) => drop(self.owed.pop_front()),
-                Err(Unsent::Now) => break,
-                Err(Unsent::Ever) => return Err(Unsent::Ever),
-            }
-        }
-        Ok(())
+        self.queue.settle().map_err(|_| Unsent::Ever)
     }
 }
 
 fn unsent(sent: io::Result<()>) -> Result<(), Unsent> {
-    sent.map_err(|error| match error.kind() {
-        io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted => Unsent::Now,
-        _ => Unsent::Ever,
+    sent.map_err(|error| match may_be_tried_again(&error) {
+        true => Unsent::Now,
+        false => Unsent::Ever,
     })
 }
 

@@ -9,9 +9,9 @@ use hprm_codec::{Dynamic, Memory, Pickle, outline};
 use hprm_core::{ChannelId, FederateId, Nanos, Part, Payload, PhysicalTime, Tag};
 use hprm_store::{Object, Store, StoreLimits};
 
-use super::record_socket::{Received, RecordSocket};
-use super::records::{self, Ask, Content, Seen, Told};
+use super::records::{Ask, Content, Seen, Told};
 use super::{Tally, Wish};
+use crate::records::{self, Received, RecordSocket};
 use crate::wait::wait_for;
 use crate::{Clock, nanoseconds};
 
@@ -262,6 +262,8 @@ impl Watching {
                     let object = opened.map_err(|error| unreadable(&error))?;
                     ArrivedPart::Object(Held { object, _socket: Arc::clone(&self.socket) })
                 }
+                // Federates show what they send before it becomes one.
+                Part::Shipped(_) => return Err(Unseen::TooLarge),
             });
         }
         Ok(Arrived { head: payload.head, parts })

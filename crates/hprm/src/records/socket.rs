@@ -1,7 +1,7 @@
 //! Unix sockets that carry records: each arrives whole, with its descriptors, or not at all.
 //!
 //! So an end that never waits need not keep half a record. A long record travels in a file without a name, of which the
-//! socket carries the descriptor. What records mean is in `records.rs`.
+//! socket carries the descriptor.
 
 use std::fs::File;
 use std::io::{self, IoSlice, IoSliceMut, Read, Seek, Write};
@@ -22,7 +22,7 @@ use smallvec::SmallVec;
 use crate::link::CloseInChild;
 
 /// The longest record that travels in the socket itself, in bytes: so the kernel has room for several.
-pub(super) const SHORT: usize = 32 << 10;
+pub(crate) const SHORT: usize = 32 << 10;
 
 /// How many connections wait until they are accepted.
 const BACKLOG: i32 = 16;
@@ -36,17 +36,17 @@ const IN_A_FILE: u8 = 1;
 
 /// One end of a connection.
 #[derive(Debug)]
-pub(super) struct RecordSocket {
+pub(crate) struct RecordSocket {
     _end: CloseInChild,
     fd: OwnedFd,
 }
 
 /// A record, and the descriptor that came with it.
-pub(super) type Received = (Vec<u8>, Option<OwnedFd>);
+pub(crate) type Received = (Vec<u8>, Option<OwnedFd>);
 
 impl RecordSocket {
     /// Connects to the process that listens at an abstract name, which must be one of the same user.
-    pub(super) fn connect(name: &str) -> io::Result<Self> {
+    pub(crate) fn connect(name: &str) -> io::Result<Self> {
         let socket = new_socket(SocketFlags::CLOEXEC)?;
         connect(&socket, &SocketAddrUnix::new_abstract_name(name.as_bytes())?)?;
         Self::of(socket, geteuid())
@@ -61,12 +61,17 @@ impl RecordSocket {
         Ok(Self { _end: CloseInChild::of(&fd), fd })
     }
 
+    /// Has it never wait from now on.
+    pub(crate) fn do_not_wait(&self) -> io::Result<()> {
+        Ok(rustix::io::ioctl_fionbio(&self.fd, true)?)
+    }
+
     /// Sends a record, and a descriptor with it.
     ///
     /// # Errors
     ///
     /// `WouldBlock` if there is no room for it now, and the socket does not wait; then nothing has been sent.
-    pub(super) fn send(&self, record: &[u8], with: Option<BorrowedFd<'_>>) -> io::Result<()> {
+    pub(crate) fn send(&self, record: &[u8], with: Option<BorrowedFd<'_>>) -> io::Result<()> {
         let file = (record.len() > SHORT).then(|| in_a_file(record)).transpose()?;
         let mut descriptors: SmallVec<[BorrowedFd<'_>; DESCRIPTORS]> = SmallVec::new();
         descriptors.extend(file.as_ref().map(AsFd::as_fd));
@@ -90,7 +95,7 @@ impl RecordSocket {
     }
 
     /// The next record; none if the other end is closed.
-    pub(super) fn receive(&self) -> io::Result<Option<Received>> {
+    pub(crate) fn receive(&self) -> io::Result<Option<Received>> {
         let mut buffer = [0; 1 + SHORT];
         let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(DESCRIPTORS))];
         let mut control = RecvAncillaryBuffer::new(&mut space);
@@ -125,13 +130,13 @@ impl AsFd for RecordSocket {
 
 /// Accepts connections at an abstract name. It never waits, and neither do the sockets that it accepts.
 #[derive(Debug)]
-pub(super) struct RecordListener {
+pub(crate) struct RecordListener {
     _end: CloseInChild,
     fd: OwnedFd,
 }
 
 impl RecordListener {
-    pub(super) fn bind(name: &str) -> io::Result<Self> {
+    pub(crate) fn bind(name: &str) -> io::Result<Self> {
         let fd = new_socket(SocketFlags::CLOEXEC | SocketFlags::NONBLOCK)?;
         bind(&fd, &SocketAddrUnix::new_abstract_name(name.as_bytes())?)?;
         listen(&fd, BACKLOG)?;
@@ -139,7 +144,7 @@ impl RecordListener {
     }
 
     /// The next connection, if one waits. It fails if that is one of another user.
-    pub(super) fn accept(&self) -> Option<io::Result<RecordSocket>> {
+    pub(crate) fn accept(&self) -> Option<io::Result<RecordSocket>> {
         let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
         match accept_with(&self.fd, flags) {
             Ok(fd) => Some(RecordSocket::of(fd, geteuid())),

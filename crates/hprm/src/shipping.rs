@@ -1,0 +1,54 @@
+//! Shipments: large parts of messages, which agents take to another machine once, however many receivers are there.
+//!
+//! ```text
+//! federate ── object, shipment ──► service ═══ bytes, once for each machine ═══► service ── object ──► receivers
+//!     └────────────── message, which names the shipment, over the link as always ────────────────────────┘
+//! ```
+//!
+//! A federate hands its object to the *shipping service*, a thread of the agent of its machine, which reads it where it
+//! lies. The service of the other machine puts the bytes into a store of its own, and all receivers there map them. The
+//! message travels as before and names the shipment in place of the bytes; the receiver's end of the link waits for
+//! them (`federate_loop/holding.rs`), as it waits for the rest of a message. So the machines of the protocol see what
+//! they always see: a message that arrives a little later.
+//!
+//! Under this module: `client.rs` is a federate's end of the connection with the service, `records.rs` what they say.
+//! Of the service, `service.rs` is the loop, `customer.rs` a federate as it sees it, `outgoing.rs` what leaves for one machine, `incoming.rs` what comes from
+//! one, `label.rs` what two services say, and `depot.rs` the memory of one federation here. Links between machines are
+//! the business of agents: the service asks for them as any process does.
+
+mod client;
+mod customer;
+mod depot;
+mod incoming;
+mod label;
+mod outgoing;
+mod records;
+mod service;
+#[cfg(test)]
+mod tests;
+
+pub(crate) use client::Shipping;
+pub use service::ShippingService;
+
+use hprm_core::FederateId;
+use sha2::{Digest, Sha256};
+
+use crate::Address;
+
+/// The listener of every machine at which its shipping service takes what others send.
+pub const SHIPMENTS: &str = "shipments";
+
+/// The shortest part of a message that becomes a shipment, in bytes.
+pub(crate) const SHORTEST: u64 = 256 << 10;
+
+/// By which number the service is a reader of a federate's store, and the owner of what it receives: one that no
+/// federate has, and no watcher.
+pub(crate) const SERVICE: FederateId = FederateId(u16::MAX - 64);
+
+/// The name of the abstract socket at which the service of an agent listens for federates.
+fn socket_name(agent: &Address) -> String {
+    let user = rustix::process::geteuid().as_raw();
+    let digest = Sha256::digest(format!("{agent}\0{user}"));
+    let digits = digest.iter().take(16).map(|byte| format!("{byte:02x}"));
+    format!("hprm-shipping-{}", digits.collect::<String>())
+}

@@ -1,0 +1,221 @@
+//! What comes from the shipping service of one machine, over one link.
+//!
+//! A label says what follows; the service gives memory for it, into which the link is read. The bytes of a shipment for
+//! which there is no memory, or no reader, are read and forgotten.
+
+use std::io::{self, Read, Write};
+use std::os::fd::{AsFd, BorrowedFd};
+use std::os::unix::net::UnixStream;
+
+use hprm_core::Shipment;
+use hprm_store::WritableLoan;
+
+use super::label::{Hello, LABEL_LIMIT, LENGTH, Label, VERSION, receipt};
+use crate::records::decode;
+
+/// How many bytes are read before others have their turn.
+const TURN: usize = 1 << 20;
+
+/// How many bytes are read at once of what is forgotten.
+const FORGOTTEN: usize = 64 << 10;
+
+/// See the module.
+#[derive(Debug)]
+pub(super) struct Incoming {
+    stream: UnixStream,
+    /// The other machine, once it has said so.
+    machine: Option<String>,
+    part: Part,
+    /// Receipts that have not left.
+    receipts: Vec<u8>,
+}
+
+/// What is being read.
+#[derive(Debug)]
+enum Part {
+    /// A length, and as many bytes.
+    Label(Vec<u8>),
+    /// A label has come, and the service has not said where the bytes go.
+    Asks(Label),
+    Bytes {
+        label: Label,
+        into: Option<WritableLoan>,
+        filled: u64,
+    },
+}
+
+/// What has come.
+#[derive(Debug)]
+pub(super) enum Came {
+    /// Nothing that the service has to know.
+    Nothing,
+    /// A label: [`Incoming::read_into`] says where the bytes go.
+    Label(Label),
+    /// A shipment is complete, or lost, and where its bytes are, if they are anywhere.
+    Shipment(Label, Option<WritableLoan>),
+}
+
+impl Incoming {
+    pub(super) fn new(stream: UnixStream) -> Self {
+        let part = Part::Label(Vec::new());
+        Self { stream, machine: None, part, receipts: Vec::new() }
+    }
+
+    /// The machine at the other end, as far as it is known.
+    pub(super) fn machine(&self) -> Option<&str> {
+        self.machine.as_deref()
+    }
+
+    /// What to wait for: the link, and whether it is to be written.
+    pub(super) fn interest(&self) -> (BorrowedFd<'_>, bool) {
+        (self.stream.as_fd(), !self.receipts.is_empty())
+    }
+
+    /// The bytes of the label that has come last go there.
+    pub(super) fn read_into(&mut self, label: Label, into: Option<WritableLoan>) {
+        self.part = Part::Bytes { label, into, filled: 0 };
+    }
+
+    /// Tells the other end that it need not keep a shipment.
+    ///
+    /// # Errors
+    ///
+    /// If the link has ended.
+    pub(super) fn acknowledge(&mut self, shipment: Shipment) -> io::Result<()> {
+        self.receipts.extend(receipt(shipment));
+        self.settle()
+    }
+
+    /// Writes receipts, as far as there is room.
+    fn settle(&mut self) -> io::Result<()> {
+        while !self.receipts.is_empty() {
+            match self.stream.write(&self.receipts) {
+                Ok(count) => drop(self.receipts.drain(..count)),
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => break,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads until something has come that the service has to know, for one turn at the most.
+    ///
+    /// # Errors
+    ///
+    /// If the link has ended, or says what it must not.
+    pub(super) fn proceed(&mut self) -> io::Result<Came> {
+        self.settle()?;
+        let mut turn = 0;
+        while turn < TURN {
+            let read = match &mut self.part {
+                Part::Label(bytes) => read_label(&mut self.stream, bytes),
+                Part::Asks(label) => return Ok(Came::Label(label.clone())),
+                Part::Bytes { label, into, filled } => {
+                    let left = label.bytes() - *filled;
+                    read_bytes(&mut self.stream, left, into.as_mut())
+                }
+            };
+            match read {
+                Ok(count) => {
+                    turn += count;
+                    if let Some(came) = self.came(count)? {
+                        return Ok(came);
+                    }
+                }
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => break,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(Came::Nothing)
+    }
+
+    /// So many bytes have come.
+    fn came(&mut self, count: usize) -> io::Result<Option<Came>> {
+        match &mut self.part {
+            Part::Label(bytes) if missing(bytes) == Some(0) => {
+                let body = bytes.split_off(LENGTH);
+                bytes.clear();
+                if self.machine.is_none() {
+                    self.machine = Some(greeted(&body)?);
+                    return Ok(None);
+                }
+                let label: Label = decode(&body).ok_or_else(nonsense)?;
+                if label.bytes() == 0 {
+                    return Ok(Some(Came::Shipment(label, None)));
+                }
+                self.part = Part::Asks(label.clone());
+                Ok(Some(Came::Label(label)))
+            }
+            Part::Label(_) | Part::Asks(_) => Ok(None),
+            Part::Bytes { label, filled, .. } => {
+                *filled += count as u64;
+                if *filled < label.bytes() {
+                    return Ok(None);
+                }
+                let part = std::mem::replace(&mut self.part, Part::Label(Vec::new()));
+                let Part::Bytes { label, into, .. } = part else { unreachable!("it was matched") };
+                Ok(Some(Came::Shipment(label, into)))
+            }
+        }
+    }
+}
+
+/// How many bytes of a length or of what follows it are missing; none if it is too long.
+fn missing(bytes: &[u8]) -> Option<usize> {
+    let Some((len, rest)) = bytes.split_first_chunk::<LENGTH>() else {
+        return Some(LENGTH - bytes.len());
+    };
+    let len = usize::try_from(u32::from_le_bytes(*len)).ok().filter(|len| *len <= LABEL_LIMIT)?;
+    len.checked_sub(rest.len())
+}
+
+/// Reads no more than belongs to a label: the bytes after it go elsewhere.
+fn read_label(stream: &mut UnixStream, bytes: &mut Vec<u8>) -> io::Result<usize> {
+    let missing = missing(bytes).ok_or_else(nonsense)?;
+    let before = bytes.len();
+    bytes.resize(before + missing, 0);
+    let read = stream.read(&mut bytes[before..]);
+    bytes.truncate(before + read.as_ref().map_or(0, |count| *count));
+    some(read)
+}
+
+fn read_bytes(
+    stream: &mut UnixStream,
+    left: u64,
+    into: Option<&mut WritableLoan>,
+) -> io::Result<usize> {
+    let rest = usize::try_from(left).unwrap_or(usize::MAX);
+    match into {
+        Some(loan) => {
+            let at = loan.len() - rest;
+            some(stream.read(&mut loan[at..]))
+        }
+        None => {
+            let mut forgotten = [0; FORGOTTEN];
+            some(stream.read(&mut forgotten[..rest.min(FORGOTTEN)]))
+        }
+    }
+}
+
+/// Nothing more will come if nothing has.
+fn some(read: io::Result<usize>) -> io::Result<usize> {
+    match read {
+        Ok(0) => Err(io::ErrorKind::ConnectionReset.into()),
+        read => read,
+    }
+}
+
+/// The machine that a service names first.
+fn greeted(body: &[u8]) -> io::Result<String> {
+    let hello: Hello = decode(body).ok_or_else(nonsense)?;
+    if hello.version != VERSION {
+        return Err(io::Error::new(io::ErrorKind::InvalidData, "another version of shipments"));
+    }
+    Ok(hello.machine)
+}
+
+fn nonsense() -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, "this is no shipment")
+}

@@ -1,0 +1,73 @@
+//! What two shipping services say to one another, over a link that agents lead.
+//!
+//! ```text
+//! sender:     len:u32 Hello   then for each shipment  len:u32 Label  bytes
+//! receiver:   for each shipment that it has          stream:u64 number:u64
+//! ```
+//!
+//! Lengths and numbers are little endian, `Hello` and [`Label`] in the format of `postcard`. A shipment that has no
+//! receipt when the link ends is sent again over the next one.
+
+use hprm_core::Shipment;
+use hprm_federated::FederationId;
+use serde::{Deserialize, Serialize};
+
+use super::records::Destination;
+use crate::records::encode;
+
+/// The version of this protocol.
+pub(super) const VERSION: u32 = 1;
+
+/// The most bytes of a label, or of what a service says first.
+pub(super) const LABEL_LIMIT: usize = 64 << 10;
+
+/// The bytes of a length.
+pub(super) const LENGTH: usize = 4;
+
+/// The bytes of a receipt.
+pub(super) const RECEIPT: usize = 16;
+
+/// What the sender says first.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub(super) struct Hello {
+    pub(super) version: u32,
+    /// The sender's machine.
+    pub(super) machine: String,
+}
+
+/// What stands before the bytes of a shipment.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub(super) struct Label {
+    /// The federation, by its name in frames.
+    pub(super) federation: FederationId,
+    pub(super) shipment: Shipment,
+    /// The machine of the sender.
+    pub(super) from: String,
+    pub(super) to: Vec<Destination>,
+    /// Why no bytes follow, if none do: then the shipment is lost.
+    pub(super) lost: Option<String>,
+}
+
+impl Label {
+    /// How many bytes follow.
+    pub(super) fn bytes(&self) -> u64 {
+        if self.lost.is_some() { 0 } else { self.shipment.len }
+    }
+}
+
+/// A value with its length in front.
+pub(super) fn framed(value: &impl Serialize) -> Vec<u8> {
+    let body = encode(value);
+    let len = u32::try_from(body.len()).expect("a label is short");
+    let mut bytes = len.to_le_bytes().to_vec();
+    bytes.extend(body);
+    bytes
+}
+
+/// The receipt for a shipment.
+pub(super) fn receipt(shipment: Shipment) -> [u8; RECEIPT] {
+    let mut bytes = [0; RECEIPT];
+    bytes[..8].copy_from_slice(&shipment.stream.to_le_bytes());
+    bytes[8..].copy_from_slice(&shipment.number.to_le_bytes());
+    bytes
+}

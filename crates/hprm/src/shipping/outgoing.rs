@@ -1,0 +1,228 @@
+//! What leaves for one machine, in order, over a link that is opened again when it ends.
+//!
+//! A shipment is held until its receipt comes, and is sent again over the next link if none has. The service opens
+//! links; this file says when it should.
+
+use std::collections::VecDeque;
+use std::io::{self, IoSlice, Read, Write};
+use std::os::fd::{AsFd, BorrowedFd};
+use std::os::unix::net::UnixStream;
+
+use hprm_core::{Nanos, PhysicalTime, Shipment};
+use hprm_store::Object;
+
+use super::label::{Hello, Label, RECEIPT, VERSION, framed, receipt};
+
+/// How long after a link has ended, or could not be opened, the next one is opened.
+const PAUSE: Nanos = 500_000_000;
+
+/// How long a machine may not be reached before what is to go there is dropped. Links of federates end earlier.
+const GIVE_UP: Nanos = 60_000_000_000;
+
+/// How many bytes are written before others have their turn.
+const TURN: usize = 1 << 20;
+
+/// See the module.
+#[derive(Debug)]
+pub(super) struct Outgoing {
+    /// This machine.
+    from: String,
+    link: Link,
+    cargo: VecDeque<Cargo>,
+    /// When the machine was last reached, or nothing was to be sent.
+    reached_at: PhysicalTime,
+}
+
+#[derive(Debug)]
+enum Link {
+    /// None; the next one is to be opened then.
+    Closed {
+        until: PhysicalTime,
+    },
+    /// It is being opened.
+    Opening,
+    Open(OpenLink),
+}
+
+#[derive(Debug)]
+struct OpenLink {
+    stream: UnixStream,
+    /// What is left of what is said first.
+    hello: Vec<u8>,
+    /// How many shipments have been written completely and wait for their receipts; and how many bytes of the next.
+    sent: usize,
+    written: usize,
+    /// A receipt of which not all bytes have come.
+    receipt: Vec<u8>,
+}
+
+/// A shipment with its bytes.
+#[derive(Debug)]
+struct Cargo {
+    shipment: Shipment,
+    label: Vec<u8>,
+    /// None if it is lost.
+    object: Option<Object>,
+}
+
+impl Cargo {
+    fn bytes(&self) -> &[u8] {
+        self.object.as_ref().map_or(&[], Object::as_bytes)
+    }
+}
+
+impl Outgoing {
+    pub(super) fn new(from: &str, now: PhysicalTime) -> Self {
+        let link = Link::Closed { until: now };
+        Self { from: from.to_owned(), link, cargo: VecDeque::new(), reached_at: now }
+    }
+
+    /// Adds a shipment.
+    pub(super) fn push(&mut self, label: &Label, object: Option<Object>, now: PhysicalTime) {
+        if self.cargo.is_empty() {
+            self.reached_at = now;
+        }
+        let cargo = Cargo { shipment: label.shipment, label: framed(label), object };
+        self.cargo.push_back(cargo);
+    }
+
+    /// Whether nothing is to be sent, and no receipt is waited for.
+    pub(super) fn is_empty(&self) -> bool {
+        self.cargo.is_empty()
+    }
+
+    /// Whether there is nothing to keep: nothing to send, and no link.
+    pub(super) fn is_over(&self) -> bool {
+        self.is_empty() && matches!(self.link, Link::Closed { .. })
+    }
+
+    /// Whether a link is to be opened now. From then on, [`Self::opened`] is waited for.
+    pub(super) fn begins_to_open(&mut self, now: PhysicalTime) -> bool {
+        let is_due = matches!(self.link, Link::Closed { until } if until <= now);
+        let begins = is_due && !self.cargo.is_empty();
+        if begins {
+            self.link = Link::Opening;
+        }
+        begins
+    }
+
+    /// When there is something to do without a descriptor that says so.
+    pub(super) fn next_wakeup(&self) -> Option<PhysicalTime> {
+        match self.link {
+            Link::Closed { until } if !self.cargo.is_empty() => Some(until),
+            _ => None,
+        }
+    }
+
+    /// A link is open, or could not be opened. If that has been so for long, what is to be sent is dropped.
+    pub(super) fn opened(&mut self, opened: io::Result<UnixStream>, now: PhysicalTime) {
+        match opened {
+            Ok(stream) => {
+                let hello = framed(&Hello { version: VERSION, machine: self.from.clone() });
+                let (sent, written, receipt) = (0, 0, Vec::new());
+                self.reached_at = now;
+                self.link = Link::Open(OpenLink { stream, hello, sent, written, receipt });
+            }
+            Err(error) => {
+                tracing::debug!("cannot ship: {error}");
+                self.close(now);
+            }
+        }
+    }
+
+    fn close(&mut self, now: PhysicalTime) {
+        self.link = Link::Closed { until: now.plus(PAUSE) };
+        if now.since(self.reached_at) > GIVE_UP {
+            self.cargo.clear();
+        }
+    }
+
+    /// What to wait for: the link, and whether it is to be written.
+    pub(super) fn interest(&self) -> Option<(BorrowedFd<'_>, bool)> {
+        match &self.link {
+            Link::Open(link) => {
+                let writes = !link.hello.is_empty() || link.sent < self.cargo.len();
+                Some((link.stream.as_fd(), writes))
+            }
+            _ => None,
+        }
+    }
+
+    /// Writes and reads what the link takes and has.
+    pub(super) fn proceed(&mut self, now: PhysicalTime) {
+        let Link::Open(link) = &mut self.link else { return };
+        let done = link.write(&self.cargo).and_then(|()| link.read(&mut self.cargo));
+        match done {
+            Ok(()) => self.reached_at = now,
+            Err(error) => {
+                tracing::debug!("a link for shipments has ended: {error}");
+                self.close(now);
+            }
+        }
+    }
+}
+
+impl OpenLink {
+    fn write(&mut self, cargo: &VecDeque<Cargo>) -> io::Result<()> {
+        let mut turn = 0;
+        while turn < TURN {
+            let written = if !self.hello.is_empty() {
+                self.stream.write(&self.hello)
+            } else if let Some(next) = cargo.get(self.sent) {
+                let label = next.label.get(self.written..).unwrap_or_default();
+                let from = self.written.saturating_sub(next.label.len());
+                let bytes = &next.bytes()[from..];
+                self.stream.write_vectored(&[IoSlice::new(label), IoSlice::new(bytes)])
+            } else {
+                return Ok(());
+            };
+            match written {
+                Ok(count) => {
+                    turn += count;
+                    self.wrote(count, cargo);
+                }
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+
+    fn wrote(&mut self, count: usize, cargo: &VecDeque<Cargo>) {
+        if !self.hello.is_empty() {
+            self.hello.drain(..count);
+            return;
+        }
+        self.written += count;
+        let next = &cargo[self.sent];
+        if self.written == next.label.len() + next.bytes().len() {
+            self.sent += 1;
+            self.written = 0;
+        }
+    }
+
+    /// Reads receipts. A shipment is dropped once its receipt has come.
+    fn read(&mut self, cargo: &mut VecDeque<Cargo>) -> io::Result<()> {
+        let mut buffer = [0; 64 * RECEIPT];
+        loop {
+            match self.stream.read(&mut buffer) {
+                Ok(0) => return Err(io::ErrorKind::ConnectionReset.into()),
+                Ok(count) => self.receipt.extend(&buffer[..count]),
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+            let whole = self.receipt.len() - self.receipt.len() % RECEIPT;
+            for came in self.receipt.drain(..whole).collect::<Vec<_>>().chunks(RECEIPT) {
+                let is_meant = |it: &Cargo| receipt(it.shipment) == *came;
+                if cargo.iter().take(self.sent).position(is_meant).is_some_and(|at| {
+                    cargo.remove(at);
+                    true
+                }) {
+                    self.sent -= 1;
+                }
+            }
+        }
+    }
+}

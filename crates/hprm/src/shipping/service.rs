@@ -1,0 +1,510 @@
+//! The shipping service of a machine: one thread of its agent, which waits for federates, for links, and for time.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::convert::Infallible;
+use std::io;
+use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::net::UnixStream;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread;
+use std::time::Duration;
+
+use hprm_core::{FederateId, Nanos, PhysicalTime};
+use hprm_federated::{FederationId, relay};
+use hprm_store::{Object, WritableLoan};
+use rustix::event::{EventfdFlags, eventfd};
+
+use super::customer::{Customer, Joined};
+use super::depot::Depot;
+use super::incoming::{Came, Incoming};
+use super::label::Label;
+use super::outgoing::Outgoing;
+use super::records::{Ask, Destination, Told, VERSION};
+use super::{SHIPMENTS, socket_name};
+use crate::Clock;
+use crate::agent::{Place, agent_address};
+use crate::link::{accept_from_agent, connect_through_agent, listen_at_agent, route_through_agent};
+use crate::records::{self, RecordListener};
+use crate::wait::{Interest, Interests, wait};
+
+/// How long the agent may take to open a link, or to say which way it leads.
+const OPENING: Duration = Duration::from_secs(20);
+
+/// How often the service looks for what does not come, and for memory that is not used.
+const LOOK: Nanos = 1_000_000_000;
+
+/// How long a message may wait for a shipment while there is no link from the sender's machine: as long as a link is
+/// kept that is silent.
+const PATIENCE: Nanos = 24_000_000_000;
+const _: () = assert!(PATIENCE == relay::TOLD);
+
+/// How long the memory of a federation is kept that nothing uses here.
+const UNUSED: Nanos = 10_000_000_000;
+
+/// How long the way to a machine counts as known.
+const ROUTE: Nanos = 5_000_000_000;
+
+/// How many records of a federate are read in one turn.
+const READS: usize = 64;
+
+/// See the module.
+#[derive(Debug)]
+pub struct ShippingService {
+    /// This machine.
+    machine: String,
+    listener: RecordListener,
+    news: News,
+    depots: BTreeMap<FederationId, Depot>,
+    customers: BTreeMap<u64, Customer>,
+    outgoing: BTreeMap<String, Outgoing>,
+    incoming: BTreeMap<u64, Incoming>,
+    /// The machine next on the way to another one, and when the agent has said so.
+    routes: BTreeMap<String, (String, PhysicalTime)>,
+    /// Whether this machine leads what others send one another.
+    leads: Arc<AtomicBool>,
+    /// The number of the next customer or link.
+    next: u64,
+}
+
+/// What threads tell the loop.
+#[derive(Debug)]
+struct News {
+    sender: Sender<(String, io::Result<UnixStream>)>,
+    receiver: Receiver<(String, io::Result<UnixStream>)>,
+    mark: OwnedFd,
+}
+
+impl ShippingService {
+    /// Listens for federates of this machine, which has that name.
+    ///
+    /// # Errors
+    ///
+    /// If the system does not allow it, or another agent of this user does.
+    pub fn open(machine: &str) -> io::Result<Self> {
+        let address = agent_address().map_err(io::Error::other)?;
+        let listener = RecordListener::bind(&socket_name(&address))?;
+        let (sender, receiver) = channel();
+        let mark = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?;
+        Ok(Self {
+            machine: machine.to_owned(),
+            listener,
+            news: News { sender, receiver, mark },
+            depots: BTreeMap::new(),
+            customers: BTreeMap::new(),
+            outgoing: BTreeMap::new(),
+            incoming: BTreeMap::new(),
+            routes: BTreeMap::new(),
+            leads: Arc::default(),
+            next: 0,
+        })
+    }
+
+    /// Says whether the machine is a router, which it is not at first: then the service also leads what others send one
+    /// another.
+    #[must_use]
+    pub fn leads(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.leads)
+    }
+
+    /// Runs until the agent ends, which must be there by now.
+    ///
+    /// # Errors
+    ///
+    /// Why the service cannot go on.
+    pub fn run(mut self) -> io::Result<Infallible> {
+        let (registration, _) = listen_at_agent(&Place::here(SHIPMENTS))?;
+        let mut looks_at = Clock::now().plus(LOOK);
+        loop {
+            self.wait(&registration, looks_at);
+            while let Some(stream) = accept_from_agent(&registration).or_else(none_yet)? {
+                stream.set_nonblocking(true)?;
+                let number = self.number();
+                self.incoming.insert(number, Incoming::new(stream));
+            }
+            self.admit();
+            self.take_news();
+            self.serve_customers();
+            self.read_links();
+            self.write_links();
+            if Clock::now() >= looks_at {
+                looks_at = Clock::now().plus(LOOK);
+                self.look();
+            }
+            self.settle_customers();
+        }
+    }
+
+    fn number(&mut self) -> u64 {
+        self.next += 1;
+        self.next
+    }
+
+    /// Waits until anything may be there.
+    fn wait(&self, registration: &UnixStream, looks_at: PhysicalTime) {
+        let to_read = |fd| Interest { fd, write: false };
+        let mut interests: Interests<'_> = Interests::new();
+        interests.extend([
+            to_read(registration.as_fd()),
+            to_read(self.listener.as_fd()),
+            to_read(self.news.mark.as_fd()),
+        ]);
+        let customers = self.customers.values();
+        interests.extend(
+            customers.map(|it| Interest { fd: it.queue.as_fd(), write: it.queue.waiting() > 0 }),
+        );
+        let links = self.outgoing.values().filter_map(Outgoing::interest);
+        let links = links.chain(self.incoming.values().map(Incoming::interest));
+        interests.extend(links.map(|(fd, write)| Interest { fd, write }));
+        let wakeups = self.outgoing.values().filter_map(Outgoing::next_wakeup);
+        wait(&interests, wakeups.chain([looks_at]).min());
+    }
+
+    /// Accepts federates.
+    fn admit(&mut self) {
+        while let Some(accepted) = self.listener.accept() {
+            let Ok(socket) = accepted else { continue };
+            let number = self.number();
+            self.customers.insert(number, Customer::new(socket));
+        }
+    }
+
+    /// Takes the links that threads have opened.
+    fn take_news(&mut self) {
+        // It fails only if there is no mark.
+        let _ = rustix::io::read(&self.news.mark, &mut [0; 8]);
+        while let Ok((machine, opened)) = self.news.receiver.try_recv() {
+            if let Some(outgoing) = self.outgoing.get_mut(&machine) {
+                outgoing.opened(opened, Clock::now());
+            }
+        }
+    }
+
+    fn serve_customers(&mut self) {
+        let numbers: Vec<u64> = self.customers.keys().copied().collect();
+        for number in numbers {
+            for _ in 0..READS {
+                let Some(customer) = self.customers.get_mut(&number) else { break };
+                let asked = match customer.queue.receive() {
+                    Ok(None) => break,
+                    Ok(Some((record, with))) => {
+                        records::decode::<Ask>(&record).map(|ask| self.obey(number, ask, with))
+                    }
+                    Err(_) => None,
+                };
+                if asked.flatten().is_none() {
+                    self.remove_customer(number);
+                }
+            }
+        }
+    }
+
+    /// Does what a federate asks for; none if it must not.
+    fn obey(&mut self, number: u64, ask: Ask, with: Option<OwnedFd>) -> Option<()> {
+        let customer = self.customers.get_mut(&number)?;
+        let Some(joined) = customer.joined else {
+            let Ask::Join { version: VERSION, federation, federate } = ask else { return None };
+            let depots = self.depots.entry(federation);
+            let depot = depots.or_insert_with(|| Depot::new(Clock::now()));
+            let reader = depot.add_reader(federate)?;
+            customer.joined = Some(Joined { federation, federate, reader });
+            let machine = self.machine.clone();
+            return customer.tell(&Told::Joined { version: VERSION, machine }, None);
+        };
+        match ask {
+            Ask::Join { .. } => return None,
+            Ask::Segment { segment, len } => {
+                customer.store.attach(joined.federate, segment, len, with?).ok()?;
+            }
+            Ask::Retired { segments } => {
+                segments.iter().for_each(|it| customer.store.detach(joined.federate, *it));
+            }
+            Ask::Ship { shipment, object, to } => {
+                let object = customer.store.open(object).ok()?;
+                (object.as_bytes().len() as u64 == shipment.len).then_some(())?;
+                let (federation, from) = (joined.federation, self.machine.clone());
+                let label = Label { federation, shipment, from, to, lost: None };
+                self.send(&label, &object);
+            }
+            Ask::Release { serials } => {
+                let depot = self.depots.get_mut(&joined.federation)?;
+                depot.release(joined.reader, &serials);
+            }
+            Ask::Expect { shipment, from } => {
+                let key = (shipment.stream, shipment.number);
+                customer.expects.insert(key, (shipment, from, Clock::now()));
+            }
+        }
+        Some(())
+    }
+
+    fn remove_customer(&mut self, number: u64) {
+        let Some(customer) = self.customers.remove(&number) else { return };
+        if let Some(joined) = customer.joined
+            && let Some(depot) = self.depots.get_mut(&joined.federation)
+        {
+            depot.remove_reader(joined.reader);
+            depot.used_at = Clock::now();
+        }
+    }
+
+    /// Sends a shipment to the machines on its label: once to each that is next on the way to some of them. To federates
+    /// of this machine the bytes are copied, as if they had come.
+    fn send(&mut self, label: &Label, object: &Object) {
+        let mut hops: BTreeMap<String, Vec<Destination>> = BTreeMap::new();
+        for (machine, receivers) in &label.to {
+            if *machine == self.machine {
+                self.copy_here(label, object, receivers);
+            } else {
+                let hop = self.hop(machine);
+                hops.entry(hop).or_default().push((machine.clone(), receivers.clone()));
+            }
+        }
+        for (hop, to) in hops {
+            self.send_to(hop, &Label { to, ..label.clone() }, Some(object.clone()));
+        }
+    }
+
+    /// Sends a shipment to one machine.
+    fn send_to(&mut self, machine: String, label: &Label, object: Option<Object>) {
+        let now = Clock::now();
+        let outgoing = self.outgoing.entry(machine);
+        outgoing.or_insert_with(|| Outgoing::new(&self.machine, now)).push(label, object, now);
+    }
+
+    /// The machine to which what is for another one goes first. If the agent does not say, opening a link fails, too.
+    fn hop(&mut self, machine: &str) -> String {
+        let now = Clock::now();
+        if let Some((hop, said_at)) = self.routes.get(machine)
+            && now.since(*said_at) < ROUTE
+        {
+            return hop.clone();
+        }
+        let hop = route_through_agent(machine, OPENING).unwrap_or_else(|_| machine.to_owned());
+        self.routes.insert(machine.to_owned(), (hop.clone(), now));
+        hop
+    }
+
+    fn copy_here(&mut self, label: &Label, object: &Object, receivers: &[FederateId]) {
+        match self.loan(label) {
+            Ok(Some(mut loan)) => {
+                loan.copy_from_slice(object.as_bytes());
+                drop(self.deliver(label, loan, receivers));
+            }
+            Ok(None) => {}
+            Err(why) => self.lose(label, receivers, &why),
+        }
+    }
+
+    /// Memory for a shipment; none if nothing here needs it.
+    fn loan(&mut self, label: &Label) -> Result<Option<WritableLoan>, String> {
+        let is_led_on = !self.elsewhere(label).is_empty();
+        let depot = match self.depots.get_mut(&label.federation) {
+            Some(depot) if !depot.is_unread() || is_led_on => depot,
+            None if is_led_on => {
+                let depots = self.depots.entry(label.federation);
+                depots.or_insert_with(|| Depot::new(Clock::now()))
+            }
+            _ => return Ok(None),
+        };
+        if depot.remembers(label.shipment) {
+            return Ok(None);
+        }
+        depot.used_at = Clock::now();
+        let here = &self.machine;
+        let why = |error| format!("the agent of {here} has no memory for it: {error}");
+        depot.loan(label.shipment.len).map(Some).map_err(why)
+    }
+
+    /// Hands a shipment to its receivers here.
+    fn deliver(
+        &mut self,
+        label: &Label,
+        loan: WritableLoan,
+        receivers: &[FederateId],
+    ) -> Option<Object> {
+        let depot = self.depots.get_mut(&label.federation)?;
+        let (object, deliveries) = depot.deliver(label.shipment, loan, receivers);
+        for delivery in deliveries {
+            let number = self.number_of(label.federation, delivery.reader);
+            let customer = number.and_then(|number| self.customers.get_mut(&number));
+            if let Some(customer) = customer {
+                // One that is gone is noticed when it is read.
+                let _ = customer.hand(label.shipment, &object, delivery);
+            }
+        }
+        Some(object)
+    }
+
+    /// Tells receivers here that a shipment will not come.
+    fn lose(&mut self, label: &Label, receivers: &[FederateId], why: &str) {
+        let Some(depot) = self.depots.get(&label.federation) else { return };
+        for reader in depot.readers_of(receivers) {
+            let number = self.number_of(label.federation, reader);
+            let customer = number.and_then(|number| self.customers.get_mut(&number));
+            if let Some(customer) = customer {
+                customer.lose(label.shipment, why);
+            }
+        }
+    }
+
+    fn number_of(&self, federation: FederationId, reader: FederateId) -> Option<u64> {
+        let is_meant = |it: &Joined| it.federation == federation && it.reader == reader;
+        let mut customers = self.customers.iter();
+        customers.find(|(_, it)| it.joined.as_ref().is_some_and(is_meant)).map(|(at, _)| *at)
+    }
+
+    /// Reads what other machines send.
+    fn read_links(&mut self) {
+        let numbers: Vec<u64> = self.incoming.keys().copied().collect();
+        for number in numbers {
+            if let Err(error) = self.read_link(number) {
+                tracing::debug!("a link for shipments has ended: {error}");
+                self.incoming.remove(&number);
+            }
+        }
+    }
+
+    fn read_link(&mut self, number: u64) -> io::Result<()> {
+        loop {
+            let Some(link) = self.incoming.get_mut(&number) else { return Ok(()) };
+            match link.proceed()? {
+                Came::Nothing => return Ok(()),
+                Came::Label(mut label) => {
+                    // A router leads what comes from the sender's machine, and no further: nothing goes round.
+                    let leads = self.leads.load(Ordering::Relaxed);
+                    if !leads || link.machine() != Some(&label.from) {
+                        label.to.retain(|(machine, _)| *machine == self.machine);
+                    }
+                    let loan = self.loan(&label).unwrap_or_else(|why| {
+                        self.lost(Label { lost: Some(why), ..label.clone() });
+                        None
+                    });
+                    if let Some(link) = self.incoming.get_mut(&number) {
+                        link.read_into(label, loan);
+                    }
+                }
+                Came::Shipment(label, loan) => {
+                    link.acknowledge(label.shipment)?;
+                    match loan {
+                        Some(loan) => self.arrived(&label, loan),
+                        None if label.lost.is_some() => self.lost(label),
+                        None => {}
+                    }
+                }
+            }
+        }
+    }
+
+    /// The receivers on this machine.
+    fn receivers_here(&self, label: &Label) -> Vec<FederateId> {
+        let here = label.to.iter().filter(|(machine, _)| *machine == self.machine);
+        here.flat_map(|(_, receivers)| receivers.iter().copied()).collect()
+    }
+
+    /// The destinations that are other machines.
+    fn elsewhere(&self, label: &Label) -> Vec<Destination> {
+        label.to.iter().filter(|(machine, _)| *machine != self.machine).cloned().collect()
+    }
+
+    /// A shipment is here, and perhaps goes on.
+    fn arrived(&mut self, label: &Label, loan: WritableLoan) {
+        let Some(object) = self.deliver(label, loan, &self.receivers_here(label)) else { return };
+        for (machine, receivers) in self.elsewhere(label) {
+            let to = vec![(machine.clone(), receivers)];
+            self.send_to(machine, &Label { to, ..label.clone() }, Some(object.clone()));
+        }
+    }
+
+    /// The same if it will not come.
+    fn lost(&mut self, label: Label) {
+        let why = label.lost.clone().unwrap_or_default();
+        self.lose(&label, &self.receivers_here(&label), &why);
+        for (machine, receivers) in self.elsewhere(&label) {
+            let to = vec![(machine.clone(), receivers)];
+            self.send_to(machine, &Label { to, ..label.clone() }, None);
+        }
+    }
+
+    /// Opens links, and writes what leaves.
+    fn write_links(&mut self) {
+        let now = Clock::now();
+        for (machine, outgoing) in &mut self.outgoing {
+            outgoing.proceed(now);
+            if outgoing.begins_to_open(now) {
+                self.news.open(machine);
+            }
+        }
+    }
+
+    /// Looks for what does not come, and for memory that is not used.
+    fn look(&mut self) {
+        let now = Clock::now();
+        let expected = self.customers.values().flat_map(|it| it.expects.values());
+        let from: BTreeSet<String> = expected.map(|(_, from, _)| from.clone()).collect();
+        let mut hops = BTreeMap::new();
+        for machine in from {
+            hops.insert(machine.clone(), self.hop(&machine));
+        }
+        let linked: Vec<&str> = self.incoming.values().filter_map(Incoming::machine).collect();
+        for customer in self.customers.values_mut() {
+            let mut lost = Vec::new();
+            for (shipment, from, since) in customer.expects.values_mut() {
+                let hop = hops.get(from).unwrap_or(from);
+                if linked.contains(&hop.as_str()) || *from == self.machine {
+                    *since = now;
+                } else if now.since(*since) > PATIENCE {
+                    lost.push((*shipment, from.clone()));
+                }
+            }
+            for (shipment, from) in lost {
+                customer.lose(shipment, &format!("nothing comes from the agent of {from}"));
+            }
+        }
+        self.outgoing.retain(|_, outgoing| !outgoing.is_over());
+        let customers = &self.customers;
+        self.depots.retain(|federation, depot| {
+            let is_read = |it: &Customer| it.joined.is_some_and(|it| it.federation == *federation);
+            let is_used = now.since(depot.used_at) < UNUSED || depot.bytes_in_use() > 0;
+            customers.values().any(is_read) || is_used
+        });
+    }
+
+    /// Tells federates which of their objects are not read any more, and writes what waits.
+    fn settle_customers(&mut self) {
+        let mut gone = Vec::new();
+        for (number, customer) in &mut self.customers {
+            if customer.settle().is_none() {
+                gone.push(*number);
+            }
+        }
+        gone.into_iter().for_each(|number| self.remove_customer(number));
+    }
+}
+
+impl News {
+    /// Has a thread open a link to a machine.
+    fn open(&self, machine: &str) {
+        let (sender, machine) = (self.sender.clone(), machine.to_owned());
+        let opened = self.mark.try_clone().and_then(|mark| {
+            thread::Builder::new().name("shipping".to_owned()).spawn(move || {
+                let place = Place { machine: machine.clone(), name: SHIPMENTS.to_owned() };
+                let opened = connect_through_agent(&place, OPENING);
+                // Without a loop, the process ends.
+                let _ = sender.send((machine, opened));
+                let _ = rustix::io::write(&mark, &1_u64.to_ne_bytes());
+            })
+        });
+        // Without a thread, it is tried again when others have ended.
+        drop(opened);
+    }
+}
+
+/// Nothing to accept is no error.
+fn none_yet(error: io::Error) -> io::Result<Option<UnixStream>> {
+    match error.kind() {
+        io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted => Ok(None),
+        _ => Err(error),
+    }
+}

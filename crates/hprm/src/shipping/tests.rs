@@ -1,0 +1,384 @@
+//! Shipments between two machines, over sockets that end at any moment; and what a federate makes of what comes.
+
+use std::os::unix::net::UnixStream;
+
+use hprm_core::{FederateId, ObjectRef, Part, Payload, PhysicalTime, Shipment};
+use hprm_federated::FederationId;
+use hprm_store::{Store, StoreLimits, WritableLoan};
+use proptest::prelude::*;
+
+use super::SERVICE;
+use super::depot::Depot;
+use super::incoming::{Came, Incoming};
+use super::label::{Label, receipt};
+use super::outgoing::Outgoing;
+
+const NOW: PhysicalTime = PhysicalTime(0);
+const FEDERATION: FederationId = FederationId(7);
+
+fn shipment(number: u64, len: usize) -> Shipment {
+    Shipment { stream: 1, number, len: len as u64 }
+}
+
+fn label(shipment: Shipment, receivers: &[u16]) -> Label {
+    let receivers = receivers.iter().copied().map(FederateId).collect();
+    let to = vec![("there".to_owned(), receivers)];
+    Label { federation: FEDERATION, shipment, from: "here".to_owned(), to, lost: None }
+}
+
+fn bytes(number: u64, len: usize) -> Vec<u8> {
+    (0..len as u64).map(|at| (at * 31 + number).to_le_bytes()[0]).collect()
+}
+
+/// The other machine: one reader, which holds what is delivered.
+struct Receiver {
+    depot: Depot,
+    link: Option<Incoming>,
+    delivered: Vec<(u64, Vec<u8>, u32)>,
+    /// How many more bytes may be read before the link ends.
+    budget: usize,
+}
+
+impl Receiver {
+    fn new() -> Self {
+        let mut depot = Depot::new(NOW);
+        assert_eq!(depot.add_reader(FederateId(3)), Some(FederateId(0)));
+        Self { depot, link: None, delivered: Vec::new(), budget: usize::MAX }
+    }
+
+    /// Takes what has come; false if the link has ended.
+    fn proceed(&mut self) -> bool {
+        loop {
+            let Some(link) = &mut self.link else { return false };
+            match link.proceed() {
+                Err(_) => {
+                    self.link = None;
+                    return false;
+                }
+                Ok(Came::Nothing) => return true,
+                Ok(Came::Label(label)) => {
+                    let known = self.depot.remembers(label.shipment);
+                    let loan = (!known).then(|| self.depot.loan(label.shipment.len).unwrap());
+                    link.read_into(label, loan);
+                }
+                Ok(Came::Shipment(label, loan)) => {
+                    // The receipt may be lost.
+                    let ended = link.acknowledge(label.shipment).is_err() || self.budget == 0;
+                    self.budget = self.budget.saturating_sub(1);
+                    if let Some(loan) = loan {
+                        self.deliver(&label, loan);
+                    }
+                    if ended {
+                        self.link = None;
+                        return false;
+                    }
+                }
+            }
+        }
+    }
+
+    fn deliver(&mut self, label: &Label, loan: WritableLoan) {
+        let receivers = &label.to[0].1;
+        let (object, deliveries) = self.depot.deliver(label.shipment, loan, receivers);
+        assert_eq!(deliveries.len(), 1);
+        let got = (label.shipment.number, object.as_bytes().to_vec(), deliveries[0].uses);
+        self.delivered.push(got);
+        let serial = object.object_ref().serial;
+        let released = vec![serial; deliveries[0].uses as usize];
+        self.depot.release(deliveries[0].reader, &released);
+    }
+}
+
+/// Both ends of a new link.
+fn connect(outgoing: &mut Outgoing, receiver: &mut Receiver, now: PhysicalTime) {
+    let (one, other) = UnixStream::pair().unwrap();
+    one.set_nonblocking(true).unwrap();
+    other.set_nonblocking(true).unwrap();
+    receiver.link = Some(Incoming::new(other));
+    outgoing.opened(Ok(one), now);
+}
+
+fn send_all(lens: &[usize], breaks: &[usize]) -> Vec<(u64, Vec<u8>, u32)> {
+    let me = FederateId(0);
+    let mut store = Store::new(me, StoreLimits::default());
+    let mut outgoing = Outgoing::new("here", NOW);
+    let mut receiver = Receiver::new();
+    for (number, len) in (0..).zip(lens) {
+        let object = store.put(&bytes(number, *len), &[me]).unwrap();
+        let object = store.open(object).unwrap();
+        let label = label(shipment(number, *len), &[3, 3, 9]);
+        outgoing.push(&label, Some(object), NOW);
+    }
+    let mut now = NOW;
+    for rest in breaks.iter().map(Some).chain([None]) {
+        now = now.plus(1_000_000_000);
+        assert!(outgoing.begins_to_open(now) || outgoing.next_wakeup().is_none());
+        receiver.budget = rest.copied().unwrap_or(usize::MAX);
+        connect(&mut outgoing, &mut receiver, now);
+        for turn in 0..10_000 {
+            outgoing.proceed(now);
+            if rest == Some(&turn) {
+                // The link ends in the middle of something.
+                receiver.link = None;
+            }
+            if !receiver.proceed() {
+                break;
+            }
+            if outgoing.is_empty() {
+                break;
+            }
+        }
+        receiver.link = None;
+        outgoing.proceed(now);
+    }
+    assert!(outgoing.is_empty());
+    receiver.delivered
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(40))]
+
+    /// Whenever links end, each shipment comes once, whole and in order.
+    #[test]
+    fn shipments_come_once_and_whole(
+        lens in prop::collection::vec(1..600_000_usize, 1..6),
+        breaks in prop::collection::vec(0..12_usize, 0..5),
+    ) {
+        let delivered = send_all(&lens, &breaks);
+        prop_assert_eq!(delivered.len(), lens.len());
+        for ((number, len), got) in (0..).zip(&lens).zip(delivered) {
+            // The receiver is named twice, and gets it with two messages.
+            prop_assert!(got == (number, bytes(number, *len), 2), "{number}");
+        }
+    }
+
+    /// Whatever comes over a link, it is a label, or the end of the link.
+    #[test]
+    fn any_bytes_end_a_link_or_wait(sent in prop::collection::vec(any::<u8>(), 0..300)) {
+        use std::io::Write;
+        let (mut one, other) = UnixStream::pair().unwrap();
+        other.set_nonblocking(true).unwrap();
+        let mut link = Incoming::new(other);
+        one.write_all(&sent).unwrap();
+        drop(one);
+        while let Ok(came) = link.proceed() {
+            match came {
+                Came::Nothing => break,
+                Came::Label(label) => link.read_into(label, None),
+                Came::Shipment(..) => {}
+            }
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_sent_for_long_is_dropped() {
+    let me = FederateId(0);
+    let mut store = Store::new(me, StoreLimits::default());
+    let object = store.put(&[1; 1000], &[me]).unwrap();
+    let object = store.open(object).unwrap();
+    let mut outgoing = Outgoing::new("here", NOW);
+    outgoing.push(&label(shipment(1, 1000), &[3]), Some(object), NOW);
+    let mut now = NOW;
+    let mut tries = 0;
+    while !outgoing.is_empty() {
+        now = outgoing.next_wakeup().unwrap().max(now);
+        assert!(outgoing.begins_to_open(now) && !outgoing.begins_to_open(now));
+        outgoing.opened(Err(std::io::ErrorKind::NotFound.into()), now);
+        tries += 1;
+    }
+    assert!((60_000_000_000..62_000_000_000).contains(&now.since(NOW)), "{}", now.since(NOW));
+    assert!(tries > 50);
+    // The object is free again.
+    store.loan(1).map(drop).unwrap();
+    assert_eq!(store.stats().bytes_in_use, 0);
+}
+
+#[test]
+fn a_lost_shipment_has_no_bytes() {
+    let mut outgoing = Outgoing::new("here", NOW);
+    let mut receiver = Receiver::new();
+    let lost = Some("no memory".to_owned());
+    outgoing.push(&Label { lost, ..label(shipment(1, 1 << 40), &[3]) }, None, NOW);
+    assert!(outgoing.begins_to_open(NOW));
+    connect(&mut outgoing, &mut receiver, NOW);
+    outgoing.proceed(NOW);
+    let link = receiver.link.as_mut().unwrap();
+    let Came::Shipment(label, None) = link.proceed().unwrap() else { panic!("it has bytes") };
+    assert_eq!(label.lost.as_deref(), Some("no memory"));
+    assert_eq!(link.machine(), Some("here"));
+    assert_eq!(receipt(label.shipment)[0], 1);
+}
+
+#[test]
+fn a_depot_gives_a_shipment_to_all_processes_of_a_federate() {
+    let mut depot = Depot::new(NOW);
+    let old = depot.add_reader(FederateId(3)).unwrap();
+    let new = depot.add_reader(FederateId(3)).unwrap();
+    let other = depot.add_reader(FederateId(4)).unwrap();
+    let loan = depot.loan(1000).unwrap();
+    let (object, deliveries) = depot.deliver(shipment(1, 1000), loan, &[FederateId(3)]);
+    let readers: Vec<_> = deliveries.iter().map(|it| (it.reader, it.uses)).collect();
+    assert_eq!(readers, [(old, 1), (new, 1)]);
+    assert!(depot.remembers(shipment(1, 1000)) && !depot.remembers(shipment(2, 1000)));
+    let serial = object.object_ref().serial;
+    drop(object);
+    depot.release(old, &[serial]);
+    assert!(depot.bytes_in_use() >= 1000);
+    depot.remove_reader(new);
+    assert_eq!(depot.bytes_in_use(), 0);
+    assert!(!depot.is_unread());
+    depot.remove_reader(old);
+    depot.remove_reader(other);
+    assert!(depot.is_unread());
+}
+
+mod at_a_federate {
+    use super::*;
+    use crate::records::{self, RecordListener, RecordQueue};
+    use crate::shipping::client::Shipping;
+    use crate::shipping::records::{Ask, Told, VERSION};
+
+    /// A federate's end, and the service's.
+    fn joined(name: &str) -> (Shipping, RecordQueue) {
+        let name = format!("hprm-test-shipping-{name}-{}", std::process::id());
+        let listener = RecordListener::bind(&name).unwrap();
+        let joining = std::thread::spawn(move || {
+            Shipping::join_at(&name, FEDERATION, FederateId(3)).unwrap()
+        });
+        let socket = loop {
+            if let Some(socket) = listener.accept() {
+                break RecordQueue::new(socket.unwrap());
+            }
+        };
+        let ask = loop {
+            if let Some((record, _)) = socket.receive().unwrap() {
+                break records::decode::<Ask>(&record).unwrap();
+            }
+        };
+        let (federation, federate) = (FEDERATION, FederateId(3));
+        assert_eq!(ask, Ask::Join { version: VERSION, federation, federate });
+        let mut socket = socket;
+        let machine = "there".to_owned();
+        let answer = Told::Joined { version: VERSION, machine };
+        socket.push(records::encode(&answer), None).unwrap();
+        (joining.join().unwrap(), socket)
+    }
+
+    fn arrive(service: &mut RecordQueue, number: u64, uses: u32) {
+        let object = object(number);
+        let arrived = Told::Arrived { shipment: shipment(number, 1000), object, uses };
+        service.push(records::encode(&arrived), None).unwrap();
+    }
+
+    fn object(number: u64) -> ObjectRef {
+        ObjectRef { owner: SERVICE, serial: number, segment: 0, offset: 0, len: 1000 }
+    }
+
+    fn message(numbers: &[u64]) -> Payload {
+        let parts = numbers.iter().map(|it| Part::Shipped(shipment(*it, 1000))).collect();
+        Payload { parts, ..Payload::default() }
+    }
+
+    #[test]
+    fn a_message_is_complete_when_all_its_shipments_are_there() {
+        let (mut shipping, mut service) = joined("complete");
+        let mut store = Store::new(FederateId(3), StoreLimits::default());
+        let mut first = message(&[1, 2]);
+        assert_eq!(shipping.claim(&mut first, &mut store), Ok(false));
+        arrive(&mut service, 2, 2);
+        shipping.serve(&mut store).unwrap();
+        assert_eq!(shipping.claim(&mut first, &mut store), Ok(false));
+        assert_eq!(first, message(&[1, 2]));
+        arrive(&mut service, 1, 1);
+        shipping.serve(&mut store).unwrap();
+        assert_eq!(shipping.claim(&mut first, &mut store), Ok(true));
+        assert_eq!(first.objects().map(|it| it.serial).collect::<Vec<_>>(), [1, 2]);
+        // The second one is for another message, too; and then it is used up.
+        assert_eq!(shipping.claim(&mut message(&[2]), &mut store), Ok(true));
+        assert_eq!(shipping.claim(&mut message(&[2]), &mut store), Ok(false));
+    }
+
+    #[test]
+    fn what_no_message_names_is_released_when_later_ones_have_come() {
+        let (mut shipping, mut service) = joined("released");
+        let mut store = Store::new(FederateId(3), StoreLimits::default());
+        let batch = 1 << 20;
+        for number in [1, 2, batch + 1, batch + 2] {
+            arrive(&mut service, number, 1);
+        }
+        shipping.serve(&mut store).unwrap();
+        // Within a batch, messages come in any order.
+        assert_eq!(shipping.claim(&mut message(&[2]), &mut store), Ok(true));
+        assert_eq!(store.drain_releases(), []);
+        assert_eq!(shipping.claim(&mut message(&[batch + 2]), &mut store), Ok(true));
+        assert_eq!(store.drain_releases(), [object(1)]);
+        assert_eq!(shipping.claim(&mut message(&[batch + 1]), &mut store), Ok(true));
+    }
+
+    #[test]
+    fn what_is_lost_or_wrong_is_an_error() {
+        let (mut shipping, mut service) = joined("lost");
+        let mut store = Store::new(FederateId(3), StoreLimits::default());
+        let why = "no memory".to_owned();
+        let lost = Told::Lost { shipment: shipment(1, 1000), why: why.clone() };
+        service.push(records::encode(&lost), None).unwrap();
+        arrive(&mut service, 2, 1);
+        shipping.serve(&mut store).unwrap();
+        assert_eq!(shipping.claim(&mut message(&[1]), &mut store), Err(why));
+        let mut longer = message(&[]);
+        longer.parts.push(Part::Shipped(shipment(2, 1001)));
+        let said = shipping.claim(&mut longer, &mut store).unwrap_err();
+        assert_eq!(said, "1000 bytes have come instead of 1001");
+    }
+
+    #[test]
+    fn an_object_leaves_once_for_all_receivers_and_is_held_until_it_has_left() {
+        let (mut shipping, service) = joined("leaves");
+        let mut store = Store::new(FederateId(3), StoreLimits::default());
+        let large = store.put(&vec![5; 1 << 20], &[FederateId(3)]).unwrap();
+        let small = store.put(&[5; 1000], &[FederateId(3)]).unwrap();
+        let parts = vec![Part::Object(large), Part::Object(small)];
+        let mut payload = Payload { parts, ..Payload::default() };
+        let whole = payload.clone();
+        for (machine, receiver, is_physical) in
+            [("a", 1, false), ("b", 2, false), ("a", 4, false), ("a", 1, true)]
+        {
+            payload = whole.clone();
+            let to = (machine, FederateId(receiver));
+            shipping.load(&mut payload, to, is_physical, &mut store).unwrap();
+            assert!(matches!(payload.parts[..], [Part::Shipped(_), Part::Object(_)]));
+        }
+        shipping.leave(&mut store);
+        let mut shipped = Vec::new();
+        let mut segments = 0;
+        while let Some((record, with)) = service.receive().unwrap() {
+            match records::decode::<Ask>(&record).unwrap() {
+                Ask::Segment { .. } => segments += usize::from(with.is_some()),
+                Ask::Ship { object, to, .. } => {
+                    assert_eq!(object, large);
+                    shipped.push(to);
+                }
+                other => panic!("{other:?}"),
+            }
+        }
+        let to = |machine: &str, federates: &[u16]| {
+            (machine.to_owned(), federates.iter().copied().map(FederateId).collect::<Vec<_>>())
+        };
+        let logical = vec![to("a", &[1, 4]), to("b", &[2])];
+        assert_eq!((segments, shipped), (1, vec![logical, vec![to("a", &[1])]]));
+        // The federate itself does not hold it any more; the service does, until it says so or is gone.
+        store.release(large.serial, FederateId(3)).unwrap();
+        store.release(small.serial, FederateId(3)).unwrap();
+        assert!(store.stats().bytes_in_use >= 1 << 20);
+        drop(service);
+        shipping.serve(&mut store).unwrap();
+        assert!(!shipping.is_open());
+        assert_eq!(store.stats().bytes_in_use, 0);
+        // From now on, values travel in their messages.
+        let again = store.put(&vec![5; 1 << 20], &[FederateId(3)]).unwrap();
+        let mut payload = Payload { parts: vec![Part::Object(again)], ..Payload::default() };
+        shipping.load(&mut payload, ("a", FederateId(1)), false, &mut store).unwrap();
+        assert_eq!(payload.parts, [Part::Object(again)]);
+    }
+}
