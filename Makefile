@@ -29,7 +29,7 @@ TESTED := --workspace --features hprm-cli/whole
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: lint-other help build wheel try-wheel deny hooks demo drive docs docs-rust test check acceptance check-model sim-nightly conformance conformance-ros2 agent test-agent test-fleet bench bench-quick evaluation bench-ordering bench-ros2 bench-growth bench-watching bench-ros2-order bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants bench-fleet fmt lint clean toolchain
+.PHONY: lint-other help build wheel try-wheel deny hooks demo drive docs docs-rust test check acceptance check-model sim-nightly conformance conformance-ros2 agent test-agent test-fleet bench bench-quick evaluation bench-ordering bench-ros2 bench-growth bench-watching bench-ros2-order bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants bench-fleet bench-agents fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
@@ -70,16 +70,17 @@ test: toolchain ## check format and lints, then run all Rust and Python tests, a
 
 # What is tested is compiled by clippy's driver: one compilation for lints and tests, which `cargo clippy` is not. It
 # denies warnings in the crates of this workspace, and sees others as rustc does.
-check: export RUSTC_WORKSPACE_WRAPPER := $(CURDIR)/tests/compiler.sh
-check: export CLIPPY_ARGS := -Dwarnings
+check test-agent: export RUSTC_WORKSPACE_WRAPPER := $(CURDIR)/tests/compiler.sh
+check test-agent: export CLIPPY_ARGS := -Dwarnings
 # As maturin compiles the extension, or cargo would compile that again whenever the two follow one another. No test is
 # linked to it: `--all-targets` would make one.
-check: export PYO3_BUILD_EXTENSION_MODULE := 1
-check: export PYO3_ENVIRONMENT_SIGNATURE := $(shell $(PY) -c 'import struct, sys; print("%s-%d.%d-%dbit" % (sys.implementation.name, *sys.version_info[:2], 8 * struct.calcsize("P")))' 2>/dev/null)
+check test-agent: export PYO3_BUILD_EXTENSION_MODULE := 1
+check test-agent: export PYO3_ENVIRONMENT_SIGNATURE := $(shell $(PY) -c 'import struct, sys; print("%s-%d.%d-%dbit" % (sys.implementation.name, *sys.version_info[:2], 8 * struct.calcsize("P")))' 2>/dev/null)
 check: lint-other $(VENV)/.checked $(VENV)/.requirements ## the same without the mutants
 	cargo build $(TESTED) --lib --bins --tests --benches --examples
 	cargo test $(TESTED)
 	$(BIN)/python -m pytest tests/python -n $(WORKERS) --dist worksteal
+	$(AGAIN) test-agent
 
 mutants: toolchain ## put faults into copies of the coordination; simulation must find all of them
 	$(PY) tests/mutants/run.py
@@ -105,18 +106,22 @@ conformance-ros2: build $(VENV)/.requirements ## talk to nodes of ROS 2 that HPR
 	cargo build --quiet --locked --manifest-path tests/hiroz/Cargo.toml --target-dir out/hiroz
 	$(BIN)/python tests/hiroz/run.py out/hiroz/debug/hprm-hiroz
 
-# Zenoh and its 300 crates take some minutes, so the agent is in no other build.
+# Zenoh and its 300 crates take some minutes, so the agent is in no other build for users.
 AGENT := out/agent/release/hprm-agent
 agent: $(VENV)/.build-requirements ## build the command `hprm-agent`, which leads links between machines, into out/agent and .venv
 	cargo build --release --locked --manifest-path crates/hprm-agent/Cargo.toml --target-dir out/agent
 	cp $(AGENT) $(BIN)/hprm-agent
 	@echo "$(BIN)/hprm agent --help"
 
-test-agent: build agent ## check the agent's lints, and run federations through agents that pause, end and are cut off
+# Without optimization, Zenoh compiles in a quarter of the time. These tests wait most of the time, so there are more of them
+# at a time than of others.
+CHECKED_AGENT := --locked --manifest-path crates/hprm-agent/Cargo.toml --target-dir target/agent
+test-agent: $(VENV)/.checked $(VENV)/.requirements ## of `make test`, what runs federations through agents that pause, end and are cut off
 	cargo fmt --check --manifest-path crates/hprm-agent/Cargo.toml
-	cargo clippy --release --locked --all-targets --manifest-path crates/hprm-agent/Cargo.toml --target-dir out/agent -- -D warnings
-	cargo test --release --locked --manifest-path crates/hprm-agent/Cargo.toml --target-dir out/agent
-	$(BIN)/python -m pytest tests/agents --ignore tests/agents/test_fleet.py -n $(WORKERS) --dist worksteal
+	cargo build $(CHECKED_AGENT) --bins --tests
+	cargo test $(CHECKED_AGENT)
+	HPRM_AGENT_PROGRAM=$(CURDIR)/target/agent/debug/hprm-agent \
+		$(BIN)/python -m pytest tests/agents --ignore tests/agents/test_fleet.py -n 6 --dist worksteal
 
 # It fails at times: `docs/howto/agents.md` says what is known of that.
 test-fleet: build agent ## run a federation of a hundred federates on ten machines, by nothing but agents
@@ -168,6 +173,9 @@ bench-frames: toolchain ## count the frames between federates and the RTI
 bench-fleet: toolchain agent ## count what a thousand federates on a hundred machines send, and measure the memory of agents
 	cargo bench --quiet -p hprm-sim --bench fleet
 	@$(BIN)/python bench/agent_links.py
+
+bench-agents: toolchain agent $(VENV)/.requirements ## compare links through agents with TCP and with Zenoh, between network namespaces
+	@$(BIN)/python bench/agents.py
 
 bench-grants: toolchain ## measure what a grant costs, with up to a thousand federates
 	cargo bench --quiet -p hprm-sim --bench grants

@@ -31,8 +31,9 @@ class Network:
                 raise NoNamespacesError(f"{tool} is missing")
         self.holders: list[subprocess.Popen[bytes]] = []
         self.pids: dict[str, int] = {}
-        #: Where each machine reaches the hub.
+        #: Where each machine reaches the hub, and where the hub reaches it.
         self.gates: dict[str, str] = {}
+        self.addresses: dict[str, str] = {}
         try:
             self.pids[HUB] = self._hold("unshare", "-Urn")
             self(HUB, "ip", "link", "set", "lo", "up")
@@ -51,6 +52,7 @@ class Network:
             pid = self._hold(*self.command(HUB, "unshare", "-n"))
             self.pids[machine] = pid
             self.gates[machine] = f"{subnet}.1"
+            self.addresses[machine] = f"{subnet}.{place}"
             near, cable = f"cable{number}-{place}", "cable"
             self(HUB, "ip", "link", "add", near, "type", "veth", "peer", "name", cable)
             self(HUB, "ip", "link", "set", cable, "netns", str(pid))

@@ -45,8 +45,7 @@ impl Held {
         self.0.retain(|_, waiting| !waiting.is_empty());
         for (serial, mut input) in std::mem::take(inputs) {
             if let Some(waiting) = self.0.get_mut(&serial)
-                // The time that a clock shows is of no use later.
-                && !matches!(input, Input::FromRti(Frame::ClockReply { .. }))
+                && !passes_others(&input)
             {
                 waiting.push_back(input);
             } else if complete(&mut input)? {
@@ -100,6 +99,13 @@ impl Membership {
 
 fn lost(why: &str) -> Failure {
     Failure::Link(format!("a large value has not come through agents: {why}"))
+}
+
+/// Whether an input need not wait for those before it on its link: what the RTI's clock shows is of no use later, it
+/// asks whether this federate is there, and after a failure all end.
+fn passes_others(input: &Input) -> bool {
+    use Frame::{ClockReply, Failed, Ping};
+    matches!(input, Input::FromRti(ClockReply { .. } | Ping | Failed { .. }))
 }
 
 /// The message that an input brings, if it brings one.

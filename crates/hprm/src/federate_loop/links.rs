@@ -489,9 +489,18 @@ impl FederateLinks {
         self.polled.boards.as_mut()
     }
 
+    /// Whether the agent has not taken all shipments yet. Then messages stay here: one that has left without its
+    /// shipments could never be read if this process was killed now.
+    fn shipments_wait(&self) -> bool {
+        self.polled.shipping.as_ref().is_some_and(Shipping::has_waiting)
+    }
+
     /// Writes what can be written. It reports no failure: the next read of the links finds out that a peer has
     /// ended, or that there was no memory for a frame.
     pub(super) fn flush(&mut self) {
+        if self.shipments_wait() {
+            return;
+        }
         self.flush_peers();
         if mem::take(&mut self.rti_may_have_outbound)
             && let Some(rti) = &mut self.polled.rti
@@ -502,6 +511,9 @@ impl FederateLinks {
 
     /// The same for the links with peers alone.
     pub(super) fn flush_peers(&mut self) {
+        if self.shipments_wait() {
+            return;
+        }
         let others = mem::take(&mut self.peers_may_have_outbound);
         for peer in self.unsent.drain(..) {
             if let Some(polled) = self.polled.to_mut(peer) {

@@ -128,6 +128,11 @@ impl Shipping {
         self.is_open
     }
 
+    /// Whether something has not been handed to the service yet.
+    pub(crate) fn has_waiting(&self) -> bool {
+        self.is_open && self.queue.waiting() > 0
+    }
+
     /// What to wait for.
     pub(crate) fn source(&self) -> Option<Source<'_>> {
         let interest = Interest { fd: self.queue.as_fd(), write: self.queue.waiting() > 0 };

@@ -3,6 +3,7 @@
 //! A label says what follows; the service gives memory for it, into which the link is read. The bytes of a shipment for
 //! which there is no memory, or no reader, are read and forgotten.
 
+use std::collections::BTreeSet;
 use std::io::{self, Read, Write};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
@@ -10,7 +11,7 @@ use std::os::unix::net::UnixStream;
 use hprm_core::Shipment;
 use hprm_store::WritableLoan;
 
-use super::label::{Hello, LABEL_LIMIT, LENGTH, Label, VERSION, receipt};
+use super::label::{Hello, Item, LABEL_LIMIT, LENGTH, Label, VERSION, receipt};
 use crate::records::decode;
 
 /// How many bytes are read before others have their turn.
@@ -25,6 +26,8 @@ pub(super) struct Incoming {
     stream: UnixStream,
     /// The other machine, once it has said so.
     machine: Option<String>,
+    /// The machines of which shipments come over this link, as long as they reach the other one; that one, too.
+    reached: BTreeSet<String>,
     part: Part,
     /// Receipts that have not left.
     receipts: Vec<u8>,
@@ -51,6 +54,8 @@ pub(super) enum Came {
     Nothing,
     /// A label: [`Incoming::read_into`] says where the bytes go.
     Label(Label),
+    /// A machine does not reach the other one any more.
+    Gone(String),
     /// A shipment is complete, or lost, and where its bytes are, if they are anywhere.
     Shipment(Label, Option<WritableLoan>),
 }
@@ -58,12 +63,23 @@ pub(super) enum Came {
 impl Incoming {
     pub(super) fn new(stream: UnixStream) -> Self {
         let part = Part::Label(Vec::new());
-        Self { stream, machine: None, part, receipts: Vec::new() }
+        let (machine, reached) = (None, BTreeSet::new());
+        Self { stream, machine, reached, part, receipts: Vec::new() }
     }
 
     /// The machine at the other end, as far as it is known.
     pub(super) fn machine(&self) -> Option<&str> {
         self.machine.as_deref()
+    }
+
+    /// Whether shipments of a machine come over this link.
+    pub(super) fn reaches(&self, machine: &str) -> bool {
+        self.reached.contains(machine)
+    }
+
+    /// The machines of which shipments came over this link, which is at its end.
+    pub(super) fn into_reached(self) -> BTreeSet<String> {
+        self.reached
     }
 
     /// What to wait for: the link, and whether it is to be written.
@@ -138,15 +154,10 @@ impl Incoming {
                 let body = bytes.split_off(LENGTH);
                 bytes.clear();
                 if self.machine.is_none() {
-                    self.machine = Some(greeted(&body)?);
+                    self.greeted(&body)?;
                     return Ok(None);
                 }
-                let label: Label = decode(&body).ok_or_else(nonsense)?;
-                if label.bytes() == 0 {
-                    return Ok(Some(Came::Shipment(label, None)));
-                }
-                self.part = Part::Asks(label.clone());
-                Ok(Some(Came::Label(label)))
+                self.item(decode(&body).ok_or_else(nonsense)?)
             }
             Part::Label(_) | Part::Asks(_) => Ok(None),
             Part::Bytes { label, filled, .. } => {
@@ -159,6 +170,37 @@ impl Incoming {
                 Ok(Some(Came::Shipment(label, into)))
             }
         }
+    }
+
+    fn item(&mut self, item: Item) -> io::Result<Option<Came>> {
+        match item {
+            Item::Leads { machine, is_there: true } => {
+                self.reached.insert(machine);
+                Ok(None)
+            }
+            Item::Leads { machine, is_there: false } => {
+                self.reached.remove(&machine);
+                Ok(Some(Came::Gone(machine)))
+            }
+            Item::Shipment(label) if label.bytes() == 0 => Ok(Some(Came::Shipment(label, None))),
+            Item::Shipment(label) => {
+                self.part = Part::Asks(label.clone());
+                Ok(Some(Came::Label(label)))
+            }
+        }
+    }
+
+    /// What a service says first.
+    fn greeted(&mut self, body: &[u8]) -> io::Result<()> {
+        let hello: Hello = decode(body).ok_or_else(nonsense)?;
+        if hello.version != VERSION {
+            let text = "the other agent has another version of shipments";
+            return Err(io::Error::new(io::ErrorKind::InvalidData, text));
+        }
+        self.reached.extend(hello.leads);
+        self.reached.insert(hello.machine.clone());
+        self.machine = Some(hello.machine);
+        Ok(())
     }
 }
 
@@ -205,15 +247,6 @@ fn some(read: io::Result<usize>) -> io::Result<usize> {
         Ok(0) => Err(io::ErrorKind::ConnectionReset.into()),
         read => read,
     }
-}
-
-/// The machine that a service names first.
-fn greeted(body: &[u8]) -> io::Result<String> {
-    let hello: Hello = decode(body).ok_or_else(nonsense)?;
-    if hello.version != VERSION {
-        return Err(io::Error::new(io::ErrorKind::InvalidData, "another version of shipments"));
-    }
-    Ok(hello.machine)
 }
 
 fn nonsense() -> io::Error {

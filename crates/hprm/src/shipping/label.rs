@@ -1,11 +1,11 @@
 //! What two shipping services say to one another, over a link that agents lead.
 //!
 //! ```text
-//! sender:     len:u32 Hello   then for each shipment  len:u32 Label  bytes
+//! sender:     len:u32 Hello   then  len:u32 Item,  with bytes behind each shipment
 //! receiver:   for each shipment that it has          stream:u64 number:u64
 //! ```
 //!
-//! Lengths and numbers are little endian, `Hello` and [`Label`] in the format of `postcard`. A shipment that has no
+//! Lengths and numbers are little endian, `Hello` and [`Item`] in the format of `postcard`. A shipment that has no
 //! receipt when the link ends is sent again over the next one.
 
 use hprm_core::Shipment;
@@ -33,6 +33,17 @@ pub(super) struct Hello {
     pub(super) version: u32,
     /// The sender's machine.
     pub(super) machine: String,
+    /// The machines from which it leads shipments here, as long as they reach it.
+    pub(super) leads: Vec<String>,
+}
+
+/// What the sender says after that.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub(super) enum Item {
+    /// The bytes of a shipment follow.
+    Shipment(Label),
+    /// It leads shipments of another machine here from now on, or that machine does not reach it any more.
+    Leads { machine: String, is_there: bool },
 }
 
 /// What stands before the bytes of a shipment.

@@ -3,7 +3,7 @@
 //! A shipment is held until its receipt comes, and is sent again over the next link if none has. The service opens
 //! links; this file says when it should.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::io::{self, IoSlice, Read, Write};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
@@ -11,7 +11,7 @@ use std::os::unix::net::UnixStream;
 use hprm_core::{Nanos, PhysicalTime, Shipment};
 use hprm_store::Object;
 
-use super::label::{Hello, Label, RECEIPT, VERSION, framed, receipt};
+use super::label::{Hello, Item, Label, RECEIPT, VERSION, framed, receipt};
 
 /// How long after a link has ended, or could not be opened, the next one is opened.
 const PAUSE: Nanos = 500_000_000;
@@ -29,6 +29,8 @@ pub(super) struct Outgoing {
     from: String,
     link: Link,
     cargo: VecDeque<Cargo>,
+    /// The machines that reach this one, and from which it leads shipments there.
+    leads: BTreeSet<String>,
     /// When the machine was last reached, or nothing was to be sent.
     reached_at: PhysicalTime,
 }
@@ -56,10 +58,11 @@ struct OpenLink {
     receipt: Vec<u8>,
 }
 
-/// A shipment with its bytes.
+/// A shipment with its bytes, or what is told between shipments.
 #[derive(Debug)]
 struct Cargo {
-    shipment: Shipment,
+    /// None of what is only told: there is no receipt for that.
+    shipment: Option<Shipment>,
     label: Vec<u8>,
     /// None if it is lost.
     object: Option<Object>,
@@ -74,7 +77,13 @@ impl Cargo {
 impl Outgoing {
     pub(super) fn new(from: &str, now: PhysicalTime) -> Self {
         let link = Link::Closed { until: now };
-        Self { from: from.to_owned(), link, cargo: VecDeque::new(), reached_at: now }
+        Self {
+            from: from.to_owned(),
+            link,
+            cargo: VecDeque::new(),
+            leads: BTreeSet::new(),
+            reached_at: now,
+        }
     }
 
     /// Adds a shipment.
@@ -82,8 +91,21 @@ impl Outgoing {
         if self.cargo.is_empty() {
             self.reached_at = now;
         }
-        let cargo = Cargo { shipment: label.shipment, label: framed(label), object };
-        self.cargo.push_back(cargo);
+        let (shipment, label) = (Some(label.shipment), framed(&Item::Shipment(label.clone())));
+        self.cargo.push_back(Cargo { shipment, label, object });
+    }
+
+    /// Shipments of another machine are led there, as long as that reaches this one.
+    pub(super) fn lead(&mut self, machine: &str, is_there: bool) {
+        let changes = match is_there {
+            true => self.leads.insert(machine.to_owned()),
+            false => self.leads.remove(machine),
+        };
+        // Without a link, the next one begins with it.
+        if changes && matches!(self.link, Link::Open(_)) {
+            let label = framed(&Item::Leads { machine: machine.to_owned(), is_there });
+            self.cargo.push_back(Cargo { shipment: None, label, object: None });
+        }
     }
 
     /// Whether nothing is to be sent, and no receipt is waited for.
@@ -118,7 +140,10 @@ impl Outgoing {
     pub(super) fn opened(&mut self, opened: io::Result<UnixStream>, now: PhysicalTime) {
         match opened {
             Ok(stream) => {
-                let hello = framed(&Hello { version: VERSION, machine: self.from.clone() });
+                let leads = self.leads.iter().cloned().collect();
+                let machine = self.from.clone();
+                let hello = framed(&Hello { version: VERSION, machine, leads });
+                self.cargo.retain(|it| it.shipment.is_some());
                 let (sent, written, receipt) = (0, 0, Vec::new());
                 self.reached_at = now;
                 self.link = Link::Open(OpenLink { stream, hello, sent, written, receipt });
@@ -151,7 +176,7 @@ impl Outgoing {
     /// Writes and reads what the link takes and has.
     pub(super) fn proceed(&mut self, now: PhysicalTime) {
         let Link::Open(link) = &mut self.link else { return };
-        let done = link.write(&self.cargo).and_then(|()| link.read(&mut self.cargo));
+        let done = link.write(&mut self.cargo).and_then(|()| link.read(&mut self.cargo));
         match done {
             Ok(()) => self.reached_at = now,
             Err(error) => {
@@ -163,7 +188,7 @@ impl Outgoing {
 }
 
 impl OpenLink {
-    fn write(&mut self, cargo: &VecDeque<Cargo>) -> io::Result<()> {
+    fn write(&mut self, cargo: &mut VecDeque<Cargo>) -> io::Result<()> {
         let mut turn = 0;
         while turn < TURN {
             let written = if !self.hello.is_empty() {
@@ -189,7 +214,7 @@ impl OpenLink {
         Ok(())
     }
 
-    fn wrote(&mut self, count: usize, cargo: &VecDeque<Cargo>) {
+    fn wrote(&mut self, count: usize, cargo: &mut VecDeque<Cargo>) {
         if !self.hello.is_empty() {
             self.hello.drain(..count);
             return;
@@ -197,8 +222,11 @@ impl OpenLink {
         self.written += count;
         let next = &cargo[self.sent];
         if self.written == next.label.len() + next.bytes().len() {
-            self.sent += 1;
             self.written = 0;
+            match next.shipment {
+                Some(_) => self.sent += 1,
+                None => drop(cargo.remove(self.sent)),
+            }
         }
     }
 
@@ -215,7 +243,7 @@ impl OpenLink {
             }
             let whole = self.receipt.len() - self.receipt.len() % RECEIPT;
             for came in self.receipt.drain(..whole).collect::<Vec<_>>().chunks(RECEIPT) {
-                let is_meant = |it: &Cargo| receipt(it.shipment) == *came;
+                let is_meant = |it: &Cargo| it.shipment.map(receipt).is_some_and(|it| it == *came);
                 if cargo.iter().take(self.sent).position(is_meant).is_some_and(|at| {
                     cargo.remove(at);
                     true

@@ -1,6 +1,6 @@
 //! The shipping service of a machine: one thread of its agent, which waits for federates, for links, and for time.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
@@ -268,9 +268,12 @@ impl ShippingService {
 
     /// Sends a shipment to one machine.
     fn send_to(&mut self, machine: String, label: &Label, object: Option<Object>) {
-        let now = Clock::now();
+        self.outgoing_to(machine).push(label, object, Clock::now());
+    }
+
+    fn outgoing_to(&mut self, machine: String) -> &mut Outgoing {
         let outgoing = self.outgoing.entry(machine);
-        outgoing.or_insert_with(|| Outgoing::new(&self.machine, now)).push(label, object, now);
+        outgoing.or_insert_with(|| Outgoing::new(&self.machine, Clock::now()))
     }
 
     /// The machine to which what is for another one goes first. If the agent does not say, opening a link fails, too.
@@ -361,7 +364,37 @@ impl ShippingService {
         for number in numbers {
             if let Err(error) = self.read_link(number) {
                 tracing::debug!("a link for shipments has ended: {error}");
-                self.incoming.remove(&number);
+                self.link_ended(number);
+            }
+        }
+    }
+
+    /// What a message here waits for does not come over that link any more, nor what others wait for to which it is led.
+    fn link_ended(&mut self, number: u64) {
+        let Some(link) = self.incoming.remove(&number) else { return };
+        if let Some(machine) = link.machine() {
+            self.outgoing.values_mut().for_each(|outgoing| outgoing.lead(machine, false));
+        }
+        for machine in link.into_reached() {
+            if !self.is_reached(&machine) {
+                self.gone(&machine);
+            }
+        }
+    }
+
+    /// Whether there is a link over which shipments of a machine come.
+    fn is_reached(&self, machine: &str) -> bool {
+        self.incoming.values().any(|link| link.reaches(machine))
+    }
+
+    /// Nothing comes from a machine any more.
+    fn gone(&mut self, machine: &str) {
+        for customer in self.customers.values_mut() {
+            let expected = customer.expects.values().filter(|(_, from, _)| from == machine);
+            let lost: Vec<_> = expected.map(|(shipment, ..)| *shipment).collect();
+            for shipment in lost {
+                let why = format!("the link from the agent of {machine} has ended");
+                customer.lose(shipment, &why);
             }
         }
     }
@@ -377,12 +410,20 @@ impl ShippingService {
                     if !leads || link.machine() != Some(&label.from) {
                         label.to.retain(|(machine, _)| *machine == self.machine);
                     }
+                    for (machine, _) in self.elsewhere(&label) {
+                        self.outgoing_to(machine).lead(&label.from, true);
+                    }
                     let loan = self.loan(&label).unwrap_or_else(|why| {
                         self.lost(Label { lost: Some(why), ..label.clone() });
                         None
                     });
                     if let Some(link) = self.incoming.get_mut(&number) {
                         link.read_into(label, loan);
+                    }
+                }
+                Came::Gone(machine) => {
+                    if !self.is_reached(&machine) {
+                        self.gone(&machine);
                     }
                 }
                 Came::Shipment(label, loan) => {
@@ -441,18 +482,12 @@ impl ShippingService {
     /// Looks for what does not come, and for memory that is not used.
     fn look(&mut self) {
         let now = Clock::now();
-        let expected = self.customers.values().flat_map(|it| it.expects.values());
-        let from: BTreeSet<String> = expected.map(|(_, from, _)| from.clone()).collect();
-        let mut hops = BTreeMap::new();
-        for machine in from {
-            hops.insert(machine.clone(), self.hop(&machine));
-        }
-        let linked: Vec<&str> = self.incoming.values().filter_map(Incoming::machine).collect();
+        let incoming = &self.incoming;
+        let is_reached = |machine: &str| incoming.values().any(|link| link.reaches(machine));
         for customer in self.customers.values_mut() {
             let mut lost = Vec::new();
             for (shipment, from, since) in customer.expects.values_mut() {
-                let hop = hops.get(from).unwrap_or(from);
-                if linked.contains(&hop.as_str()) || *from == self.machine {
+                if *from == self.machine || is_reached(from) {
                     *since = now;
                 } else if now.since(*since) > PATIENCE {
                     lost.push((*shipment, from.clone()));

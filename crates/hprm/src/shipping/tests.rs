@@ -56,6 +56,7 @@ impl Receiver {
                     return false;
                 }
                 Ok(Came::Nothing) => return true,
+                Ok(Came::Gone(machine)) => panic!("{machine} is gone"),
                 Ok(Came::Label(label)) => {
                     let known = self.depot.remembers(label.shipment);
                     let loan = (!known).then(|| self.depot.loan(label.shipment.len).unwrap());
@@ -165,7 +166,7 @@ proptest! {
             match came {
                 Came::Nothing => break,
                 Came::Label(label) => link.read_into(label, None),
-                Came::Shipment(..) => {}
+                Came::Gone(_) | Came::Shipment(..) => {}
             }
         }
     }
@@ -206,8 +207,34 @@ fn a_lost_shipment_has_no_bytes() {
     let link = receiver.link.as_mut().unwrap();
     let Came::Shipment(label, None) = link.proceed().unwrap() else { panic!("it has bytes") };
     assert_eq!(label.lost.as_deref(), Some("no memory"));
-    assert_eq!(link.machine(), Some("here"));
+    assert_eq!((link.machine(), link.reaches("here")), (Some("here"), true));
     assert_eq!(receipt(label.shipment)[0], 1);
+}
+
+#[test]
+fn a_receiver_knows_which_machines_still_reach_the_one_in_the_middle() {
+    let mut outgoing = Outgoing::new("hub", NOW);
+    let mut receiver = Receiver::new();
+    for machine in ["a", "b"] {
+        outgoing.lead(machine, true);
+    }
+    outgoing.lead("a", false);
+    outgoing.push(&Label { lost: Some(String::new()), ..label(shipment(1, 5), &[3]) }, None, NOW);
+    assert!(outgoing.begins_to_open(NOW));
+    connect(&mut outgoing, &mut receiver, NOW);
+    outgoing.proceed(NOW);
+    let link = receiver.link.as_mut().unwrap();
+    assert!(matches!(link.proceed().unwrap(), Came::Shipment(..)));
+    let reached = |link: &Incoming| ["hub", "a", "b"].map(|it| link.reaches(it));
+    assert_eq!(reached(link), [true, false, true]);
+    // What is told between shipments comes after those before it.
+    outgoing.lead("a", true);
+    outgoing.lead("b", false);
+    outgoing.lead("b", false);
+    outgoing.proceed(NOW);
+    let Came::Gone(gone) = link.proceed().unwrap() else { panic!("b is there") };
+    assert_eq!((gone.as_str(), reached(link)), ("b", [true, true, false]));
+    assert!(matches!(link.proceed().unwrap(), Came::Nothing));
 }
 
 #[test]
