@@ -48,7 +48,6 @@ reactor Source {
     out.set(value)
   =}
 }
-@maxwait(forever)
 reactor Sink {
   input inp
   reaction(inp) {=
@@ -58,6 +57,7 @@ reactor Sink {
 }
 federated reactor {
   source = new Source()
+  @maxwait(forever)
   sink = new[COUNT] Sink()
   (source.out)+ -> sink.inp
 }
@@ -167,7 +167,9 @@ def ours(fleet: Fleet, text: str, receivers: list[str], by: str) -> Took:
     listen = "agent:robot1/rti" if by == "agents" else "tcp:0.0.0.0:7700"
     rti = fleet.spawn("robot1", HPRM, "rti", "Fed.lf", "--listen", listen, *common)
     assert rti.stdout is not None
-    address = rti.stdout.readline().split()[-1]
+    said = rti.stdout.readline().split()
+    assert said, rti.communicate()
+    address = said[-1]
     federates = []
     names = [f"sink__{number}" for number in range(len(receivers))]
     for name, machine in [("source", "robot1"), *zip(names, receivers, strict=True)]:

@@ -217,7 +217,9 @@ impl FederateLinks {
                 members,
             )));
         }
-        let shipping = reach::is_reached_through_agent(options) && !in_process;
+        // Between agents, shipments are as safe as the agents make them, which is not what TLS promises.
+        let has_tls = options.security.tls.is_some();
+        let shipping = reach::is_reached_through_agent(options) && !in_process && !has_tls;
         let shipping = shipping.then(|| Shipping::join(keys.name(), options.federate)).flatten();
         let shipments = shipping.iter().map(|it| shipments_to(it.machine()));
         let words: Vec<_> = [addresses].into_iter().chain(shipments).collect();

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::os::fd::{AsFd, OwnedFd};
 
-use hprm_core::{FederateId, PhysicalTime, Shipment};
+use hprm_core::{FederateId, Nanos, PhysicalTime, Shipment};
 use hprm_federated::FederationId;
 use hprm_store::{Object, Store, StoreLimits};
 
@@ -23,8 +23,18 @@ pub(super) struct Customer {
     pub(super) joined: Option<Joined>,
     /// Its segments.
     pub(super) store: Store,
-    /// What its messages wait for: which machine it comes from, and since when there is no link from there.
-    pub(super) expects: BTreeMap<(u64, u64), (Shipment, String, PhysicalTime)>,
+    /// What its messages wait for.
+    expects: BTreeMap<(u64, u64), Expected>,
+}
+
+/// A shipment for which a message waits.
+#[derive(Clone, Debug)]
+struct Expected {
+    shipment: Shipment,
+    /// The machine from which it comes.
+    from: String,
+    /// Since when there is no link from there.
+    since: PhysicalTime,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -45,12 +55,13 @@ impl Customer {
         }
     }
 
+    /// Tells the federate something; none if that is gone, or takes nothing.
     pub(super) fn tell(&mut self, told: &Told, with: Option<OwnedFd>) -> Option<()> {
         self.queue.push(records::encode(told), with).ok()?;
         (self.queue.waiting() <= MOST_WAITING).then_some(())
     }
 
-    /// Hands over a shipment.
+    /// Hands over a shipment; none if that cannot be.
     pub(super) fn hand(
         &mut self,
         shipment: Shipment,
@@ -70,12 +81,49 @@ impl Customer {
         self.tell(&Told::Arrived { shipment, object: object.object_ref(), uses }, None)
     }
 
+    /// A message waits for a shipment from a machine.
+    pub(super) fn expect(&mut self, shipment: Shipment, from: String, now: PhysicalTime) {
+        let expected = Expected { shipment, from, since: now };
+        self.expects.insert((shipment.stream, shipment.number), expected);
+    }
+
+    /// Nothing comes from a machine any more.
+    pub(super) fn gone(&mut self, machine: &str) {
+        let expected = self.expects.values().filter(|it| it.from == machine);
+        let lost: Vec<_> = expected.map(|it| it.shipment).collect();
+        for shipment in lost {
+            self.lose(shipment, &format!("the link from the agent of {machine} has ended"));
+        }
+    }
+
+    /// Some machines are reached now; from the others, nothing may come for that long.
+    pub(super) fn look(
+        &mut self,
+        now: PhysicalTime,
+        patience: Nanos,
+        is_reached: impl Fn(&str) -> bool,
+    ) {
+        let mut lost = Vec::new();
+        for expected in self.expects.values_mut() {
+            if is_reached(&expected.from) {
+                expected.since = now;
+            } else if now.since(expected.since) > patience {
+                lost.push(expected.clone());
+            }
+        }
+        for Expected { shipment, from, .. } in lost {
+            self.lose(shipment, &format!("nothing comes from the agent of {from}"));
+        }
+    }
+
+    /// A shipment will not come.
     pub(super) fn lose(&mut self, shipment: Shipment, why: &str) {
         self.expects.remove(&(shipment.stream, shipment.number));
         // A federate that is gone is noticed when it is read.
         let _ = self.tell(&Told::Lost { shipment, why: why.to_owned() }, None);
     }
 
+    /// Tells the federate which of its objects are not read any more, and writes what waits; none if it is gone.
     pub(super) fn settle(&mut self) -> Option<()> {
         let released = self.store.drain_releases();
         if !released.is_empty() {

@@ -46,7 +46,7 @@ const UNUSED: Nanos = 10_000_000_000;
 /// How long the way to a machine counts as known.
 const ROUTE: Nanos = 5_000_000_000;
 
-/// How many records of a federate are read in one turn.
+/// How many records of a federate, or how much of a link, is read in one turn.
 const READS: usize = 64;
 
 /// See the module.
@@ -232,8 +232,10 @@ impl ShippingService {
                 depot.release(joined.reader, &serials);
             }
             Ask::Expect { shipment, from } => {
-                let key = (shipment.stream, shipment.number);
-                customer.expects.insert(key, (shipment, from, Clock::now()));
+                // It may have come while the federate said so.
+                if !self.depots.get(&joined.federation)?.remembers(shipment) {
+                    customer.expect(shipment, from, Clock::now());
+                }
             }
         }
         Some(())
@@ -332,9 +334,10 @@ impl ShippingService {
         for delivery in deliveries {
             let number = self.number_of(label.federation, delivery.reader);
             let customer = number.and_then(|number| self.customers.get_mut(&number));
-            if let Some(customer) = customer {
-                // One that is gone is noticed when it is read.
-                let _ = customer.hand(label.shipment, &object, delivery);
+            let handed = customer.and_then(|it| it.hand(label.shipment, &object, delivery));
+            if let (None, Some(number)) = (handed, number) {
+                // Without a connection, it knows that it cannot go on.
+                self.remove_customer(number);
             }
         }
         Some(object)
@@ -389,18 +392,11 @@ impl ShippingService {
 
     /// Nothing comes from a machine any more.
     fn gone(&mut self, machine: &str) {
-        for customer in self.customers.values_mut() {
-            let expected = customer.expects.values().filter(|(_, from, _)| from == machine);
-            let lost: Vec<_> = expected.map(|(shipment, ..)| *shipment).collect();
-            for shipment in lost {
-                let why = format!("the link from the agent of {machine} has ended");
-                customer.lose(shipment, &why);
-            }
-        }
+        self.customers.values_mut().for_each(|customer| customer.gone(machine));
     }
 
     fn read_link(&mut self, number: u64) -> io::Result<()> {
-        loop {
+        for _ in 0..READS {
             let Some(link) = self.incoming.get_mut(&number) else { return Ok(()) };
             match link.proceed()? {
                 Came::Nothing => return Ok(()),
@@ -436,6 +432,7 @@ impl ShippingService {
                 }
             }
         }
+        Ok(())
     }
 
     /// The receivers on this machine.
@@ -483,19 +480,11 @@ impl ShippingService {
     fn look(&mut self) {
         let now = Clock::now();
         let incoming = &self.incoming;
-        let is_reached = |machine: &str| incoming.values().any(|link| link.reaches(machine));
+        let is_reached = |machine: &str| {
+            machine == self.machine || incoming.values().any(|link| link.reaches(machine))
+        };
         for customer in self.customers.values_mut() {
-            let mut lost = Vec::new();
-            for (shipment, from, since) in customer.expects.values_mut() {
-                if *from == self.machine || is_reached(from) {
-                    *since = now;
-                } else if now.since(*since) > PATIENCE {
-                    lost.push((*shipment, from.clone()));
-                }
-            }
-            for (shipment, from) in lost {
-                customer.lose(shipment, &format!("nothing comes from the agent of {from}"));
-            }
+            customer.look(now, PATIENCE, is_reached);
         }
         self.outgoing.retain(|_, outgoing| !outgoing.is_over());
         let customers = &self.customers;
@@ -521,8 +510,8 @@ impl ShippingService {
 impl News {
     /// Has a thread open a link to a machine.
     fn open(&self, machine: &str) {
-        let (sender, machine) = (self.sender.clone(), machine.to_owned());
-        let opened = self.mark.try_clone().and_then(|mark| {
+        let begun = self.mark.try_clone().and_then(|mark| {
+            let (sender, machine) = (self.sender.clone(), machine.to_owned());
             thread::Builder::new().name("shipping".to_owned()).spawn(move || {
                 let place = Place { machine: machine.clone(), name: SHIPMENTS.to_owned() };
                 let opened = connect_through_agent(&place, OPENING);
@@ -531,8 +520,10 @@ impl News {
                 let _ = rustix::io::write(&mark, &1_u64.to_ne_bytes());
             })
         });
-        // Without a thread, it is tried again when others have ended.
-        drop(opened);
+        if let Err(error) = begun {
+            // The loop reads it in its next turn, and tries again after a pause.
+            let _ = self.sender.send((machine.to_owned(), Err(error)));
+        }
     }
 }
 
