@@ -31,6 +31,7 @@ class Connection(NamedTuple):
     absent_after: int | None
     bound: tuple[int, str] | None
     serializer: str | None
+    compress: bool
     mode: Mode | None
     place: Place
 
@@ -46,6 +47,7 @@ def connect(
     absent_after: Time | None = None,
     bound: tuple[int, Literal["block", "drop", "replace"]] | None = None,
     serializer: str | None = None,
+    compress: bool = False,
 ) -> None:
     """Connect ports, in the constructor of the reactor that contains them.
 
@@ -70,6 +72,8 @@ def connect(
         comes: it is dropped, it replaces the one that has waited longest, or the sender waits.
     serializer : str, optional
         The module that encodes the values, or ``"proto"``.
+    compress : bool, default False
+        Whether agents compress arrays of 256 KiB or more on their way to another machine.
 
     Raises
     ------
@@ -102,6 +106,7 @@ def connect(
             _duration.stated("absent_after", absent_after, place),
             bound,
             serializer,
+            bool(compress),
             container.mode,
             place,
         )

@@ -166,6 +166,7 @@ class _Structure:
             "physical": connection.physical,
             "serializer": connection.serializer,
             "absent_after": connection.absent_after,
+            "compress": connection.compress,
             "bound": None if connection.bound is None else list(connection.bound),
             "mode": number(connection.mode),
         }

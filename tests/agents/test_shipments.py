@@ -92,6 +92,20 @@ def test_a_value_crosses_once_for_all_receivers_of_a_machine(
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_compressed_value_takes_less_and_is_the_same(
+    machines: Machines, coordination: str
+) -> None:
+    machines.start_agents(through=True)
+    assert machines.proxy is not None
+    before = machines.proxy.carried
+    program = PROGRAM.replace("  (source.out)+ ->", "  @compress() (source.out)+ ->")
+    assert program != PROGRAM
+    options = ["--property", f"coordination={coordination}"]
+    check(machines, *machines.federation(program, PLACES, *options))
+    assert machines.proxy.carried - before < 0.1 * COUNT * LENGTH
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
 def test_a_value_for_the_own_machine_crosses_nothing_wherever_the_rti_is(
     machines: Machines, coordination: str
 ) -> None:

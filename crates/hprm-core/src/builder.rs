@@ -310,6 +310,7 @@ impl ProgramBuilder {
             physical: false,
             serializer: None,
             absent_after: 0,
+            compress: false,
             bound: None,
             mode: None,
         })

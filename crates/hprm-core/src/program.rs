@@ -232,6 +232,8 @@ pub struct Connection {
     pub serializer: Option<String>,
     /// How much longer than `maxwait` a decentralized receiver waits for this input.
     pub absent_after: Nanos,
+    /// Whether agents compress its large values on their way to another machine.
+    pub compress: bool,
     /// How many of its messages may wait, if it is physical; none if any number may.
     pub bound: Option<Bound>,
     /// The mode that it is declared in.

@@ -218,6 +218,8 @@ pub(crate) struct Connection {
     pub(crate) physical: bool,
     pub(crate) serializer: Option<String>,
     pub(crate) absent_after: Option<i64>,
+    #[serde(default)]
+    pub(crate) compress: bool,
     /// How many messages may wait, and what becomes of more.
     pub(crate) bound: Option<(i64, String)>,
     pub(crate) mode: Option<usize>,

@@ -149,8 +149,9 @@ fn connection(connection: &Connection, places: &Places) -> Result<ConnectionNode
         let values = [ExpressionKind::Integer(*messages), ExpressionKind::String(policy.clone())];
         attribute("bound", values.map(|kind| literal(kind, span)).into(), span)
     });
+    let compress = connection.compress.then(|| attribute("compress", Vec::new(), span));
     Ok(ConnectionNode {
-        attributes: wait.into_iter().chain(bound).collect(),
+        attributes: wait.into_iter().chain(bound).chain(compress).collect(),
         iterated: connection.repeated,
         physical: connection.physical,
         delay: connection.after.map(|after| time(after, span)),

@@ -378,6 +378,7 @@ fn hints_have_the_words_of_python() {
         &[(&of_connection("physical"), json!(true)), (&of_connection("bound"), json!([0, "drop"]))],
         &[(&of_connection("physical"), json!(true)), (&of_connection("bound"), json!([1, "drip"]))],
         &[(&of_connection("absent_after"), json!(5))],
+        &[(&of_connection("compress"), json!(true))],
         &[(&of_main("children/1/maxwait"), json!(5))],
         &[(&of_main("children/1/transient"), json!(true))],
         &[(&of_main("children/1/restart"), json!({"condition": "always", "sec": -1}))],
@@ -400,6 +401,8 @@ fn hints_have_the_words_of_python() {
     LF0212 `bound=` has no policy `drip`
       did you mean `drop`?
     LF0212 `absent_after=` does not belong here
+      it belongs to a connection of a federation
+    LF0212 `compress=` does not belong here
       it belongs to a connection of a federation
     LF0212 `maxwait=` does not belong here
       it belongs to a reactor that a federation contains

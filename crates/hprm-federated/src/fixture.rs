@@ -79,6 +79,7 @@ fn connect(
         physical,
         serializer,
         absent_after,
+        compress: false,
         bound,
         mode: None,
     });

@@ -156,6 +156,7 @@ fn join(
             physical: decl.physical,
             serializer: decl.serializer.as_ref().map(|name| name.text.clone()),
             absent_after: absent_after.unwrap_or_default(),
+            compress: attributes::is_there(&decl.attributes, "compress"),
             bound,
             mode,
         };

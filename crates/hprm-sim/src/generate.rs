@@ -102,6 +102,7 @@ fn connect(
                 physical,
                 serializer: None,
                 absent_after: 0,
+                compress: false,
                 bound: None,
                 mode: None,
             });

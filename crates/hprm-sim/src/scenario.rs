@@ -163,6 +163,7 @@ impl Maker {
                 physical: link.physical,
                 serializer: None,
                 absent_after: 0,
+                compress: false,
                 bound: None,
                 mode: None,
             });

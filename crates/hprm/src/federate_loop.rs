@@ -576,7 +576,8 @@ where
             let changes = self.federation.objects.share(&payload, to)?;
             (payload, changes)
         } else {
-            (self.federation.carried(payload, to, route.physical)?, Changes::default())
+            let connection = &self.scheduler.program().connections[route.connection];
+            (self.federation.carried(payload, to, connection)?, Changes::default())
         };
         for (segment, len) in changes.mapped {
             self.handle(Input::Segment { reader: to, segment, len })?;

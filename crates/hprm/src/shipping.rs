@@ -13,9 +13,10 @@
 //!
 //! Under this module: `client.rs` is a federate's end of the connection with the service, `records.rs` what they say.
 //! Of the service, `service.rs` is the loop, `customer.rs` a federate as it sees it, `outgoing.rs` what leaves for one machine, `incoming.rs` what comes from
-//! one, `label.rs` what two services say, and `depot.rs` the memory of one federation here. Links between machines are
+//! one, `label.rs` what two services say, `blocks.rs` how they compress, and `depot.rs` the memory of one federation here. Links between machines are
 //! the business of agents: the service asks for them as any process does.
 
+mod blocks;
 mod client;
 mod customer;
 mod depot;
@@ -27,7 +28,7 @@ mod service;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use client::Shipping;
+pub(crate) use client::{Shipping, Way};
 pub use service::ShippingService;
 
 use hprm_core::FederateId;

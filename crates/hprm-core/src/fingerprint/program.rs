@@ -172,6 +172,9 @@ impl Program {
         if connection.absent_after != 0 {
             let _ = write!(text, ", absent after {}", show_time(connection.absent_after));
         }
+        if connection.compress {
+            text.push_str(", compressed");
+        }
         if let Some(Bound { messages, overflow }) = connection.bound {
             let policy = match overflow {
                 Overflow::Drop => "drop",

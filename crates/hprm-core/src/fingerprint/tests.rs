@@ -149,6 +149,7 @@ fn sketched(sketch: &Sketch) -> Program {
             physical: false,
             serializer: sketch.serializer.clone(),
             absent_after: 0,
+            compress: false,
             bound: None,
             mode: None,
         });

@@ -12,7 +12,17 @@ const fn physical(
     (delay, bound): (Delay, Option<Bound>),
 ) -> Connection {
     let (serializer, mode) = (None, None);
-    Connection { from, to, delay, physical: true, serializer, absent_after: 0, bound, mode }
+    Connection {
+        from,
+        to,
+        delay,
+        physical: true,
+        serializer,
+        absent_after: 0,
+        compress: false,
+        bound,
+        mode,
+    }
 }
 
 #[test]

@@ -195,6 +195,7 @@ fn an_end_that_the_clock_decides_on_is_said_to_be_physical() {
             physical,
             serializer: None,
             absent_after: 0,
+            compress: false,
             bound: None,
             mode: None,
         });

@@ -251,6 +251,7 @@ fn a_physical_connection_marks_its_messages() {
         physical: true,
         serializer: None,
         absent_after: 0,
+        compress: false,
         bound: None,
         mode: None,
     });

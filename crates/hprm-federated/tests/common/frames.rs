@@ -102,6 +102,7 @@ pub(crate) fn program() -> Program {
             physical: false,
             serializer: None,
             absent_after: 0,
+            compress: false,
             bound: None,
             mode: None,
         });

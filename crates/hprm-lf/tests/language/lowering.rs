@@ -254,6 +254,7 @@ federated reactor at rti.example.org {
   c = new B()
   @absent_after(3 ms)
   b.out -> c.inp
+  @Compress
   c.out ~> b.inp
 }",
     );
@@ -275,6 +276,8 @@ federated reactor at rti.example.org {
     assert_eq!(compiled.rti_host.as_deref(), Some("rti.example.org"));
     let top: Vec<_> = program.connections.values().map(|c| (c.physical, c.absent_after)).collect();
     assert_eq!(top[..2], [(false, 3_000_000), (true, 7_000_000)]);
+    let compressed: Vec<_> = program.connections.values().map(|c| c.compress).collect();
+    assert_eq!(compressed[..2], [false, true]);
     let inside = program.reactors.values().find(|r| r.name == "Main.b.inner").unwrap();
     assert_eq!(inside.federate, program.federate_named("b"));
 }

@@ -115,6 +115,15 @@ const ERRORS: &[(&str, &str)] = &[
         "LF0212",
         "reactor A { input i output o } main reactor { a = new A() @absent_after(0) a.o -> a.i after 0 }",
     ),
+    (
+        "LF0212",
+        "reactor A { input i output o } main reactor { a = new A() @compress a.o -> a.i after 0 }",
+    ),
+    (
+        "LF0212",
+        "reactor A { input i output o } federated reactor { a = new A() b = new A() @compress(1) a.o -> b.i }",
+    ),
+    ("LF0212", "reactor A { } federated reactor { @compress a = new A() }"),
     ("LF0212", "reactor A { } main reactor { @transient a = new A() }"),
     ("LF0212", "reactor A { } federated reactor { @restart(\"always\") a = new A() }"),
     ("LF0212", "reactor A { } main reactor { @restart(\"no\") a = new A() }"),

@@ -18,8 +18,8 @@ const DRAWING: [&str; 4] = ["icon", "label", "layout", "side"];
 const SIDES: [&str; 4] = ["north", "east", "south", "west"];
 
 /// What changes how a program runs.
-const OBEYED: [&str; 6] =
-    ["maxwait", "absent_after", "bound", "transient", restart::ATTRIBUTE, ATTRIBUTE];
+const OBEYED: [&str; 7] =
+    ["maxwait", "absent_after", "bound", "compress", "transient", restart::ATTRIBUTE, ATTRIBUTE];
 
 /// Known to the language, and not there yet.
 const UNSUPPORTED: [&str; 1] = ["enclave"];
@@ -40,7 +40,7 @@ fn names_of(attribute: &str) -> &'static [&'static str] {
         "bound" => &["n", "policy"],
         "layout" => &["option", "value"],
         restart::ATTRIBUTE => &restart::ARGUMENTS,
-        "transient" => &[],
+        "transient" | "compress" => &[],
         _ => &["value"],
     }
 }
@@ -133,11 +133,14 @@ fn attribute_fits(attribute: &Attribute, place: Place, federated: bool, report: 
             );
         }
         "bound" => bounded(attribute, place, report),
+        "compress" if !federated || !matches!(place, Place::Connection { .. }) => {
+            report.add(misplaced(attribute, &name, true, report.syntax()));
+        }
         "transient" | restart::ATTRIBUTE if place != Place::Instance || !federated => {
             report.add(misplaced(attribute, &name, false, report.syntax()));
         }
         restart::ATTRIBUTE => restart::check(attribute, report),
-        "transient" => flag(attribute, &name, report),
+        "transient" | "compress" => flag(attribute, &name, report),
         name if UNSUPPORTED.contains(&name) => {
             let what = format!("the attribute `@{name}` is");
             report.add(Diagnostic::unsupported(attribute.span, &what, "remove it"));

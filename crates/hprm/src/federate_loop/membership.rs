@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use hprm_core::{FederateId, Fingerprint, Nanos, Payload, Program};
+use hprm_core::{Connection, FederateId, Fingerprint, Nanos, Payload, Program};
 use hprm_federated::{Federate, FederationId, Input, Output, machine_in, relay};
 use hprm_store::{Store, StoreLimits};
 
@@ -17,6 +17,7 @@ use super::reach::Reach;
 use super::time::Time;
 use crate::link::Network;
 use crate::recorder::TraceRequest;
+use crate::shipping::Way;
 use crate::trace::TraceShare;
 use crate::{Address, Clock, Failure, Inbox, Security, random_bytes};
 
@@ -114,7 +115,7 @@ impl Membership {
         &mut self,
         mut payload: Payload,
         to: FederateId,
-        is_physical: bool,
+        connection: &Connection,
     ) -> Result<Payload, Failure> {
         let Self { machine, links, objects, .. } = self;
         if payload.objects().next().is_some()
@@ -122,8 +123,9 @@ impl Membership {
             && let Some(listens) = machine.listens_at(to)
             && let Some(there) = machine_in(&listens)
         {
-            let loaded =
-                shipping.load(&mut payload, (there, to), is_physical, &mut objects.store());
+            let &Connection { physical, compress, .. } = connection;
+            let way = Way { machine: there, receiver: to, is_physical: physical, compress };
+            let loaded = shipping.load(&mut payload, way, &mut objects.store());
             loaded.map_err(|error| Failure::store(&error))?;
         }
         objects.inline(payload)

@@ -58,6 +58,11 @@ impl Connections<'_> {
         self.each(|connection| connection.absent_after = nanoseconds(wait))
     }
 
+    /// Agents compress large values on their way to another machine.
+    pub fn compress(self) -> Self {
+        self.each(|connection| connection.compress = true)
+    }
+
     fn each(self, change: impl Fn(&mut hprm_core::Connection)) -> Self {
         self.0.iter_mut().for_each(change);
         self

@@ -223,6 +223,7 @@ impl Graph {
                 physical: false,
                 serializer: None,
                 absent_after: 0,
+                compress: false,
                 bound: None,
                 mode,
             });

@@ -59,6 +59,17 @@ struct Offer {
     object: ObjectRef,
     shipment: Shipment,
     to: Vec<Destination>,
+    compress: bool,
+}
+
+/// The way of a message to another machine.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Way<'a> {
+    pub(crate) machine: &'a str,
+    pub(crate) receiver: FederateId,
+    pub(crate) is_physical: bool,
+    /// Whether its large parts are to be compressed.
+    pub(crate) compress: bool,
 }
 
 impl Stream {
@@ -149,7 +160,7 @@ impl Shipping {
         self.is_ready
     }
 
-    /// Replaces the large objects of a payload by shipments to a federate on that machine.
+    /// Replaces the large objects of a payload by shipments to a federate on another machine.
     ///
     /// # Errors
     ///
@@ -157,8 +168,7 @@ impl Shipping {
     pub(crate) fn load(
         &mut self,
         payload: &mut Payload,
-        (machine, receiver): (&str, FederateId),
-        is_physical: bool,
+        way: Way<'_>,
         store: &mut Store,
     ) -> Result<(), StoreError> {
         for part in &mut payload.parts {
@@ -167,8 +177,8 @@ impl Shipping {
                 && self.is_open
                 && (self.offers.len() as u64) < BATCH
             {
-                let shipment = self.offer(*object, is_physical, store)?;
-                self.address(shipment, machine, receiver);
+                let shipment = self.offer(*object, way, store)?;
+                self.address(shipment, way);
                 *part = Part::Shipped(shipment);
             }
         }
@@ -179,22 +189,24 @@ impl Shipping {
     fn offer(
         &mut self,
         object: ObjectRef,
-        is_physical: bool,
+        way: Way<'_>,
         store: &mut Store,
     ) -> Result<Shipment, StoreError> {
-        let stream = if is_physical { &mut self.physical } else { &mut self.logical };
-        let is_meant =
-            |it: &&Offer| it.object.serial == object.serial && it.shipment.stream == stream.id;
+        let stream = if way.is_physical { &mut self.physical } else { &mut self.logical };
+        let is_meant = |it: &&Offer| {
+            let is_same = it.object.serial == object.serial && it.compress == way.compress;
+            is_same && it.shipment.stream == stream.id
+        };
         if let Some(offer) = self.offers.iter().find(is_meant) {
             return Ok(offer.shipment);
         }
         store.add_reader(object.serial, SERVICE)?;
         let shipment = stream.next(object.len);
-        self.offers.push(Offer { object, shipment, to: Vec::new() });
+        self.offers.push(Offer { object, shipment, to: Vec::new(), compress: way.compress });
         Ok(shipment)
     }
 
-    fn address(&mut self, shipment: Shipment, machine: &str, receiver: FederateId) {
+    fn address(&mut self, shipment: Shipment, Way { machine, receiver, .. }: Way<'_>) {
         let Some(offer) = self.offers.iter_mut().find(|it| it.shipment == shipment) else { return };
         match offer.to.iter_mut().find(|(name, _)| name == machine) {
             Some((_, receivers)) => receivers.push(receiver),
@@ -220,8 +232,8 @@ impl Shipping {
         }
         self.logical.begin_batch();
         self.physical.begin_batch();
-        for Offer { object, shipment, to } in std::mem::take(&mut self.offers) {
-            self.ask(&Ask::Ship { shipment, object, to }, None);
+        for Offer { object, shipment, to, compress } in std::mem::take(&mut self.offers) {
+            self.ask(&Ask::Ship { shipment, object, to, compress }, None);
         }
     }
 

@@ -11,6 +11,7 @@ use std::os::unix::net::UnixStream;
 use hprm_core::Shipment;
 use hprm_store::WritableLoan;
 
+use super::blocks::{self, BLOCK};
 use super::label::{Hello, Item, LABEL_LIMIT, LENGTH, Label, VERSION, receipt};
 use crate::records::decode;
 
@@ -44,6 +45,13 @@ enum Part {
         label: Label,
         into: Option<WritableLoan>,
         filled: u64,
+    },
+    /// The same, in blocks, of which one has come in part.
+    Blocks {
+        label: Label,
+        into: Option<WritableLoan>,
+        filled: u64,
+        block: Vec<u8>,
     },
 }
 
@@ -89,7 +97,10 @@ impl Incoming {
 
     /// The bytes of the label that has come last go there.
     pub(super) fn read_into(&mut self, label: Label, into: Option<WritableLoan>) {
-        self.part = Part::Bytes { label, into, filled: 0 };
+        self.part = match label.compress {
+            true => Part::Blocks { label, into, filled: 0, block: Vec::new() },
+            false => Part::Bytes { label, into, filled: 0 },
+        };
     }
 
     /// Tells the other end that it need not keep a shipment.
@@ -131,6 +142,10 @@ impl Incoming {
                     let left = label.bytes() - *filled;
                     read_bytes(&mut self.stream, left, into.as_mut())
                 }
+                Part::Blocks { block, .. } => {
+                    let missing = blocks::missing(block).ok_or_else(nonsense)?;
+                    read_more(&mut self.stream, block, missing)
+                }
             };
             match read {
                 Ok(count) => {
@@ -162,13 +177,32 @@ impl Incoming {
             Part::Label(_) | Part::Asks(_) => Ok(None),
             Part::Bytes { label, filled, .. } => {
                 *filled += count as u64;
-                if *filled < label.bytes() {
+                Ok((*filled == label.bytes()).then(|| self.complete()))
+            }
+            Part::Blocks { label, into, filled, block } => {
+                if blocks::missing(block) != Some(0) {
                     return Ok(None);
                 }
-                let part = std::mem::replace(&mut self.part, Part::Label(Vec::new()));
-                let Part::Bytes { label, into, .. } = part else { unreachable!("it was matched") };
-                Ok(Some(Came::Shipment(label, into)))
+                let left = usize::try_from(label.bytes() - *filled).unwrap_or(usize::MAX);
+                let len = left.min(BLOCK);
+                if let Some(loan) = into {
+                    let at = loan.len() - left;
+                    blocks::unpack(block, &mut loan[at..at + len])?;
+                }
+                *filled += len as u64;
+                block.clear();
+                Ok((*filled == label.bytes()).then(|| self.complete()))
             }
+        }
+    }
+
+    /// All bytes of a shipment have come.
+    fn complete(&mut self) -> Came {
+        match std::mem::replace(&mut self.part, Part::Label(Vec::new())) {
+            Part::Bytes { label, into, .. } | Part::Blocks { label, into, .. } => {
+                Came::Shipment(label, into)
+            }
+            Part::Label(_) | Part::Asks(_) => unreachable!("bytes have come"),
         }
     }
 
@@ -216,6 +250,11 @@ fn missing(bytes: &[u8]) -> Option<usize> {
 /// Reads no more than belongs to a label: the bytes after it go elsewhere.
 fn read_label(stream: &mut UnixStream, bytes: &mut Vec<u8>) -> io::Result<usize> {
     let missing = missing(bytes).ok_or_else(nonsense)?;
+    read_more(stream, bytes, missing)
+}
+
+/// Reads no more than so many bytes behind others.
+fn read_more(stream: &mut UnixStream, bytes: &mut Vec<u8>, missing: usize) -> io::Result<usize> {
     let before = bytes.len();
     bytes.resize(before + missing, 0);
     let read = stream.read(&mut bytes[before..]);

@@ -1,7 +1,7 @@
 //! What two shipping services say to one another, over a link that agents lead.
 //!
 //! ```text
-//! sender:     len:u32 Hello   then  len:u32 Item,  with bytes behind each shipment
+//! sender:     len:u32 Hello   then  len:u32 Item,  with bytes behind each shipment, perhaps in blocks
 //! receiver:   for each shipment that it has          stream:u64 number:u64
 //! ```
 //!
@@ -55,6 +55,8 @@ pub(super) struct Label {
     /// The machine of the sender.
     pub(super) from: String,
     pub(super) to: Vec<Destination>,
+    /// Whether its bytes travel in compressed blocks.
+    pub(super) compress: bool,
     /// Why no bytes follow, if none do: then the shipment is lost.
     pub(super) lost: Option<String>,
 }

@@ -11,6 +11,7 @@ use std::os::unix::net::UnixStream;
 use hprm_core::{Nanos, PhysicalTime, Shipment};
 use hprm_store::Object;
 
+use super::blocks::{BLOCK, packed};
 use super::label::{Hello, Item, Label, RECEIPT, VERSION, framed, receipt};
 
 /// How long after a link has ended, or could not be opened, the next one is opened.
@@ -54,8 +55,19 @@ struct OpenLink {
     /// How many shipments have been written completely and wait for their receipts; and how many bytes of the next.
     sent: usize,
     written: usize,
+    /// The block of that shipment that is being written, if it is compressed.
+    block: Block,
     /// A receipt of which not all bytes have come.
     receipt: Vec<u8>,
+}
+
+/// A compressed block.
+#[derive(Debug, Default)]
+struct Block {
+    bytes: Vec<u8>,
+    written: usize,
+    /// How many bytes of the shipment are in this block and in those before it.
+    taken: usize,
 }
 
 /// A shipment with its bytes, or what is told between shipments.
@@ -66,6 +78,7 @@ struct Cargo {
     label: Vec<u8>,
     /// None if it is lost.
     object: Option<Object>,
+    compress: bool,
 }
 
 impl Cargo {
@@ -91,8 +104,9 @@ impl Outgoing {
         if self.cargo.is_empty() {
             self.reached_at = now;
         }
-        let (shipment, label) = (Some(label.shipment), framed(&Item::Shipment(label.clone())));
-        self.cargo.push_back(Cargo { shipment, label, object });
+        let (shipment, compress) = (Some(label.shipment), label.compress);
+        let label = framed(&Item::Shipment(label.clone()));
+        self.cargo.push_back(Cargo { shipment, label, object, compress });
     }
 
     /// Shipments of another machine are led there, as long as that reaches this one.
@@ -104,7 +118,7 @@ impl Outgoing {
         // Without a link, the next one begins with it.
         if changes && matches!(self.link, Link::Open(_)) {
             let label = framed(&Item::Leads { machine: machine.to_owned(), is_there });
-            self.cargo.push_back(Cargo { shipment: None, label, object: None });
+            self.cargo.push_back(Cargo { shipment: None, label, object: None, compress: false });
         }
     }
 
@@ -144,9 +158,15 @@ impl Outgoing {
                 let machine = self.from.clone();
                 let hello = framed(&Hello { version: VERSION, machine, leads });
                 self.cargo.retain(|it| it.shipment.is_some());
-                let (sent, written, receipt) = (0, 0, Vec::new());
                 self.reached_at = now;
-                self.link = Link::Open(OpenLink { stream, hello, sent, written, receipt });
+                self.link = Link::Open(OpenLink {
+                    stream,
+                    hello,
+                    sent: 0,
+                    written: 0,
+                    block: Block::default(),
+                    receipt: Vec::new(),
+                });
             }
             Err(error) => {
                 tracing::debug!("cannot ship: {error}");
@@ -194,10 +214,7 @@ impl OpenLink {
             let written = if !self.hello.is_empty() {
                 self.stream.write(&self.hello)
             } else if let Some(next) = cargo.get(self.sent) {
-                let label = next.label.get(self.written..).unwrap_or_default();
-                let from = self.written.saturating_sub(next.label.len());
-                let bytes = &next.bytes()[from..];
-                self.stream.write_vectored(&[IoSlice::new(label), IoSlice::new(bytes)])
+                self.write_cargo(next)
             } else {
                 return Ok(());
             };
@@ -214,14 +231,49 @@ impl OpenLink {
         Ok(())
     }
 
+    /// Writes some of a shipment.
+    fn write_cargo(&mut self, next: &Cargo) -> io::Result<usize> {
+        let label = next.label.get(self.written..).unwrap_or_default();
+        if !next.compress {
+            let from = self.written.saturating_sub(next.label.len());
+            let bytes = &next.bytes()[from..];
+            return self.stream.write_vectored(&[IoSlice::new(label), IoSlice::new(bytes)]);
+        }
+        if !label.is_empty() {
+            return self.stream.write(label);
+        }
+        if self.block.written == self.block.bytes.len() {
+            let rest = &next.bytes()[self.block.taken..];
+            let more = &rest[..rest.len().min(BLOCK)];
+            let taken = self.block.taken + more.len();
+            self.block = Block { bytes: packed(more), written: 0, taken };
+        }
+        self.stream.write(&self.block.bytes[self.block.written..])
+    }
+
+    /// Whether all of a shipment has been written.
+    fn has_written(&self, next: &Cargo) -> bool {
+        let (label, bytes) = (next.label.len(), next.bytes().len());
+        if !next.compress {
+            return self.written == label + bytes;
+        }
+        let block = &self.block;
+        self.written == label && block.taken == bytes && block.written == block.bytes.len()
+    }
+
     fn wrote(&mut self, count: usize, cargo: &mut VecDeque<Cargo>) {
         if !self.hello.is_empty() {
             self.hello.drain(..count);
             return;
         }
-        self.written += count;
         let next = &cargo[self.sent];
-        if self.written == next.label.len() + next.bytes().len() {
+        if next.compress && self.written == next.label.len() {
+            self.block.written += count;
+        } else {
+            self.written += count;
+        }
+        if self.has_written(next) {
+            self.block = Block::default();
             self.written = 0;
             match next.shipment {
                 Some(_) => self.sent += 1,

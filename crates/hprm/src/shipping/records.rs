@@ -20,7 +20,7 @@ pub(super) enum Ask {
     /// Segments that the service may unmap.
     Retired { segments: Vec<u32> },
     /// An object is to be shipped. The service holds it from now on.
-    Ship { shipment: Shipment, object: ObjectRef, to: Vec<Destination> },
+    Ship { shipment: Shipment, object: ObjectRef, to: Vec<Destination>, compress: bool },
     /// It does not read these objects of the service any more.
     Release { serials: Vec<u64> },
     /// A message waits for this shipment, which comes from that machine.

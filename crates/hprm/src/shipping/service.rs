@@ -220,11 +220,11 @@ impl ShippingService {
             Ask::Retired { segments } => {
                 segments.iter().for_each(|it| customer.store.detach(joined.federate, *it));
             }
-            Ask::Ship { shipment, object, to } => {
+            Ask::Ship { shipment, object, to, compress } => {
                 let object = customer.store.open(object).ok()?;
                 (object.as_bytes().len() as u64 == shipment.len).then_some(())?;
                 let (federation, from) = (joined.federation, self.machine.clone());
-                let label = Label { federation, shipment, from, to, lost: None };
+                let label = Label { federation, shipment, from, to, compress, lost: None };
                 self.send(&label, &object);
             }
             Ask::Release { serials } => {

@@ -23,7 +23,8 @@ fn shipment(number: u64, len: usize) -> Shipment {
 fn label(shipment: Shipment, receivers: &[u16]) -> Label {
     let receivers = receivers.iter().copied().map(FederateId).collect();
     let to = vec![("there".to_owned(), receivers)];
-    Label { federation: FEDERATION, shipment, from: "here".to_owned(), to, lost: None }
+    let (federation, from) = (FEDERATION, "here".to_owned());
+    Label { federation, shipment, from, to, compress: false, lost: None }
 }
 
 fn bytes(number: u64, len: usize) -> Vec<u8> {
@@ -99,7 +100,7 @@ fn connect(outgoing: &mut Outgoing, receiver: &mut Receiver, now: PhysicalTime) 
     outgoing.opened(Ok(one), now);
 }
 
-fn send_all(lens: &[usize], breaks: &[usize]) -> Vec<(u64, Vec<u8>, u32)> {
+fn send_all(lens: &[usize], compress: bool, breaks: &[usize]) -> Vec<(u64, Vec<u8>, u32)> {
     let me = FederateId(0);
     let mut store = Store::new(me, StoreLimits::default());
     let mut outgoing = Outgoing::new("here", NOW);
@@ -107,7 +108,7 @@ fn send_all(lens: &[usize], breaks: &[usize]) -> Vec<(u64, Vec<u8>, u32)> {
     for (number, len) in (0..).zip(lens) {
         let object = store.put(&bytes(number, *len), &[me]).unwrap();
         let object = store.open(object).unwrap();
-        let label = label(shipment(number, *len), &[3, 3, 9]);
+        let label = Label { compress, ..label(shipment(number, *len), &[3, 3, 9]) };
         outgoing.push(&label, Some(object), NOW);
     }
     let mut now = NOW;
@@ -143,9 +144,10 @@ proptest! {
     #[test]
     fn shipments_come_once_and_whole(
         lens in prop::collection::vec(1..600_000_usize, 1..6),
+        compress in any::<bool>(),
         breaks in prop::collection::vec(0..12_usize, 0..5),
     ) {
-        let delivered = send_all(&lens, &breaks);
+        let delivered = send_all(&lens, compress, &breaks);
         prop_assert_eq!(delivered.len(), lens.len());
         for ((number, len), got) in (0..).zip(&lens).zip(delivered) {
             // The receiver is named twice, and gets it with two messages.
@@ -263,7 +265,7 @@ fn a_depot_gives_a_shipment_to_all_processes_of_a_federate() {
 mod at_a_federate {
     use super::*;
     use crate::records::{self, RecordListener, RecordQueue};
-    use crate::shipping::client::Shipping;
+    use crate::shipping::client::{Shipping, Way};
     use crate::shipping::records::{Ask, Told, VERSION};
 
     /// A federate's end, and the service's.
@@ -372,8 +374,9 @@ mod at_a_federate {
             [("a", 1, false), ("b", 2, false), ("a", 4, false), ("a", 1, true)]
         {
             payload = whole.clone();
-            let to = (machine, FederateId(receiver));
-            shipping.load(&mut payload, to, is_physical, &mut store).unwrap();
+            let receiver = FederateId(receiver);
+            let way = Way { machine, receiver, is_physical, compress: false };
+            shipping.load(&mut payload, way, &mut store).unwrap();
             assert!(matches!(payload.parts[..], [Part::Shipped(_), Part::Object(_)]));
         }
         shipping.leave(&mut store);
@@ -405,7 +408,9 @@ mod at_a_federate {
         // From now on, values travel in their messages.
         let again = store.put(&vec![5; 1 << 20], &[FederateId(3)]).unwrap();
         let mut payload = Payload { parts: vec![Part::Object(again)], ..Payload::default() };
-        shipping.load(&mut payload, ("a", FederateId(1)), false, &mut store).unwrap();
+        let (machine, receiver) = ("a", FederateId(1));
+        let way = Way { machine, receiver, is_physical: false, compress: false };
+        shipping.load(&mut payload, way, &mut store).unwrap();
         assert_eq!(payload.parts, [Part::Object(again)]);
     }
 }
