@@ -369,7 +369,7 @@ def reactions(paths: Iterable[Path]) -> list[dict[str, object]]:
 
 def alone(folder: Path, program: str) -> tuple[str, list[dict[str, object]]]:
     """What a program prints and does in one process."""
-    (folder / "alone").mkdir()
+    (folder / "alone").mkdir(exist_ok=True)
     alone = program.replace("federated reactor", "main reactor")
     assert alone != program
     (folder / "alone" / "Fed.lf").write_text(alone)

@@ -21,12 +21,13 @@ type Inputs = Vec<(LinkSerial, Input)>;
 
 impl Held {
     /// Takes the inputs that wait for something out, and adds those that do not any more. `complete` completes an input
-    /// if it can, and says whether it has. Each message that has just begun to wait is given to `begins`.
+    /// if it can, and says whether it has. Each message that has just begun to wait is given to `begins`, and once more if its
+    /// link has ended, of which that is told.
     fn pass<E>(
         &mut self,
         inputs: &mut Inputs,
         mut complete: impl FnMut(&mut Input) -> Result<bool, E>,
-        mut begins: impl FnMut(&mut Input),
+        mut begins: impl FnMut(&mut Input, bool),
     ) -> Result<(), E> {
         let mut passed = Vec::new();
         for (serial, waiting) in &mut self.0 {
@@ -35,10 +36,11 @@ impl Held {
                     break;
                 }
                 passed.extend(waiting.pop_front().map(|input| (*serial, input)));
+                let link_ended = waiting.iter().any(is_end);
                 if let Some(next) = waiting.front_mut()
                     && !complete(next)?
                 {
-                    begins(next);
+                    begins(next, link_ended);
                 }
             }
         }
@@ -47,11 +49,15 @@ impl Held {
             if let Some(waiting) = self.0.get_mut(&serial)
                 && !passes_others(&input)
             {
+                let link_ended = is_end(&input);
                 waiting.push_back(input);
+                if let Some(first) = waiting.front_mut().filter(|_| link_ended) {
+                    begins(first, true);
+                }
             } else if complete(&mut input)? {
                 passed.push((serial, input));
             } else {
-                begins(&mut input);
+                begins(&mut input, false);
                 self.0.insert(serial, VecDeque::from([input]));
             }
         }
@@ -73,6 +79,10 @@ impl Membership {
         if shipping.is_ready() {
             shipping.serve(&mut store).map_err(|error| Failure::store(&error))?;
         }
+        if let Some(why) = shipping.refused() {
+            let text = format!("the agent of this machine takes no large values: {why}");
+            return Err(Failure::Link(text));
+        }
         let (is_open, mut begun) = (shipping.is_open(), Vec::new());
         let complete = |input: &mut Input| match message(input) {
             Some((_, payload)) if payload.shipments().next().is_some() => {
@@ -82,16 +92,16 @@ impl Membership {
             }
             _ => Ok(true),
         };
-        let begins = |input: &mut Input| {
+        let begins = |input: &mut Input, link_ended| {
             if let Some((channel, payload)) = message(input) {
-                begun.push((*channel, payload.shipments().collect::<Vec<_>>()));
+                begun.push((*channel, payload.shipments().collect::<Vec<_>>(), link_ended));
             }
         };
         held.pass(inputs, complete, begins)?;
-        for (channel, shipments) in begun {
+        for (channel, shipments, link_ended) in begun {
             let listens = machine.sender(channel).and_then(|sender| machine.listens_at(sender));
             let from = listens.as_deref().and_then(machine_in).unwrap_or_default();
-            shipping.expect(&shipments, from);
+            shipping.expect(&shipments, from, link_ended);
         }
         Ok(())
     }
@@ -99,6 +109,11 @@ impl Membership {
 
 fn lost(why: &str) -> Failure {
     Failure::Link(format!("a large value has not come through agents: {why}"))
+}
+
+/// Whether nothing comes after an input on its link.
+fn is_end(input: &Input) -> bool {
+    matches!(input, Input::RtiLost | Input::PeerLost(_))
 }
 
 /// Whether an input need not wait for those before it on its link: what the RTI's clock shows is of no use later, it
@@ -158,7 +173,7 @@ mod tests {
                 there.insert(comes);
                 let mut inputs = vec![(serial, input)];
                 let complete = |input: &mut Input| Ok::<_, ()>(is_here(&there, input));
-                held.pass(&mut inputs, complete, |it| {
+                held.pass(&mut inputs, complete, |it, _| {
                     waits.extend(message(it).map(|(channel, _)| *channel));
                 }).unwrap();
                 for (serial, mut input) in inputs {

@@ -6,6 +6,9 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 use super::socket::{Received, RecordSocket};
 
+/// The most bytes of a record that comes.
+const RECORD_LIMIT: u64 = 16 << 20;
+
 /// See the module.
 #[derive(Debug)]
 pub(crate) struct RecordQueue {
@@ -61,7 +64,7 @@ impl RecordQueue {
     /// If the other end is gone.
     pub(crate) fn receive(&self) -> io::Result<Option<Received>> {
         loop {
-            match self.socket.receive() {
+            match self.socket.receive_up_to(RECORD_LIMIT) {
                 Ok(None) => return Err(io::ErrorKind::ConnectionReset.into()),
                 Ok(received) => return Ok(received),
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}

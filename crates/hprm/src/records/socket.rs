@@ -96,6 +96,11 @@ impl RecordSocket {
 
     /// The next record; none if the other end is closed.
     pub(crate) fn receive(&self) -> io::Result<Option<Received>> {
+        self.receive_up_to(u64::MAX)
+    }
+
+    /// The same, from a process that may send no more than so many bytes at once.
+    pub(crate) fn receive_up_to(&self, limit: u64) -> io::Result<Option<Received>> {
         let mut buffer = [0; 1 + SHORT];
         let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(DESCRIPTORS))];
         let mut control = RecvAncillaryBuffer::new(&mut space);
@@ -116,7 +121,7 @@ impl RecordSocket {
             Some((&HERE, record)) => Some((record.to_vec(), descriptors.next())),
             Some(_) => {
                 let file = descriptors.next().ok_or(io::ErrorKind::InvalidData)?;
-                Some((whole(file.into())?, descriptors.next()))
+                Some((whole(file.into(), limit)?, descriptors.next()))
             }
         })
     }
@@ -171,8 +176,12 @@ fn in_a_file(record: &[u8]) -> io::Result<OwnedFd> {
     Ok(file.into())
 }
 
-fn whole(mut file: File) -> io::Result<Vec<u8>> {
-    let len = usize::try_from(file.metadata()?.len()).map_err(|_| io::ErrorKind::OutOfMemory)?;
+fn whole(mut file: File, limit: u64) -> io::Result<Vec<u8>> {
+    let len = file.metadata()?.len();
+    if len > limit {
+        return Err(io::ErrorKind::InvalidData.into());
+    }
+    let len = usize::try_from(len).map_err(|_| io::ErrorKind::OutOfMemory)?;
     let mut record = zeroed(len).map_err(|_| io::ErrorKind::OutOfMemory)?;
     file.rewind()?;
     file.read_exact(&mut record)?;
@@ -212,7 +221,7 @@ mod tests {
             server.send(&vec![1; len], Some(file.as_fd())).unwrap();
             let (record, descriptor) = client.receive().unwrap().unwrap();
             assert_eq!(record.len(), len);
-            assert_eq!(whole(descriptor.unwrap().into()).unwrap(), b"another file");
+            assert_eq!(whole(descriptor.unwrap().into(), 100).unwrap(), b"another file");
         }
     }
 

@@ -37,6 +37,8 @@ pub(crate) struct Shipping {
     arrived: BTreeMap<(u64, u64), (ObjectRef, u32)>,
     /// Shipments for which a message waits, and that will not come: why.
     lost: BTreeMap<(u64, u64), String>,
+    /// Why the service does not serve this federate any more, if it has said so.
+    refused: Option<String>,
 }
 
 /// Messages on logical connections and those on physical ones take different ways, so each kind has an order of its own.
@@ -126,6 +128,7 @@ impl Shipping {
             offers: Vec::new(),
             arrived: BTreeMap::new(),
             lost: BTreeMap::new(),
+            refused: None,
         })
     }
 
@@ -209,8 +212,11 @@ impl Shipping {
     fn address(&mut self, shipment: Shipment, Way { machine, receiver, .. }: Way<'_>) {
         let Some(offer) = self.offers.iter_mut().find(|it| it.shipment == shipment) else { return };
         match offer.to.iter_mut().find(|(name, _)| name == machine) {
-            Some((_, receivers)) => receivers.push(receiver),
-            None => offer.to.push((machine.to_owned(), vec![receiver])),
+            Some((_, receivers)) => match receivers.iter_mut().find(|(it, _)| *it == receiver) {
+                Some((_, uses)) => *uses += 1,
+                None => receivers.push((receiver, 1)),
+            },
+            None => offer.to.push((machine.to_owned(), vec![(receiver, 1)])),
         }
     }
 
@@ -291,6 +297,7 @@ impl Shipping {
             Told::Arrived { shipment, object, uses } => {
                 self.arrived.insert((shipment.stream, shipment.number), (object, uses));
             }
+            Told::Refused { why } => self.refused = Some(why),
             Told::Lost { shipment, why } => {
                 self.lost.insert((shipment.stream, shipment.number), why);
             }
@@ -351,11 +358,16 @@ impl Shipping {
         }
     }
 
-    /// A message waits for its shipments, which come from that machine.
-    pub(crate) fn expect(&mut self, shipments: &[Shipment], from: &str) {
+    /// Why the service does not serve this federate any more, if it has said so. What was to be shipped may be lost.
+    pub(crate) fn refused(&self) -> Option<&str> {
+        self.refused.as_deref()
+    }
+
+    /// A message waits for its shipments, which come from that machine; perhaps its link has ended since.
+    pub(crate) fn expect(&mut self, shipments: &[Shipment], from: &str, link_ended: bool) {
         for &shipment in shipments {
             if !self.arrived.contains_key(&(shipment.stream, shipment.number)) {
-                self.ask(&Ask::Expect { shipment, from: from.to_owned() }, None);
+                self.ask(&Ask::Expect { shipment, from: from.to_owned(), link_ended }, None);
             }
         }
     }

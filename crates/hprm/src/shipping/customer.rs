@@ -35,6 +35,8 @@ struct Expected {
     from: String,
     /// Since when there is no link from there.
     since: PhysicalTime,
+    /// Whether the link has ended on which the message came.
+    link_ended: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -82,15 +84,23 @@ impl Customer {
     }
 
     /// A message waits for a shipment from a machine.
-    pub(super) fn expect(&mut self, shipment: Shipment, from: String, now: PhysicalTime) {
-        let expected = Expected { shipment, from, since: now };
+    pub(super) fn expect(
+        &mut self,
+        shipment: Shipment,
+        (from, link_ended): (String, bool),
+        now: PhysicalTime,
+    ) {
+        let expected = Expected { shipment, from, since: now, link_ended };
         self.expects.insert((shipment.stream, shipment.number), expected);
     }
 
-    /// Nothing comes from a machine any more.
-    pub(super) fn gone(&mut self, machine: &str) {
-        let expected = self.expects.values().filter(|it| it.from == machine);
-        let lost: Vec<_> = expected.map(|it| it.shipment).collect();
+    /// There is no link from a machine any more. The next one brings what is missing, if that machine is there.
+    pub(super) fn gone(&mut self, machine: &str, now: PhysicalTime) {
+        let mut lost = Vec::new();
+        for expected in self.expects.values_mut().filter(|it| it.from == machine) {
+            expected.since = now;
+            lost.extend(expected.link_ended.then_some(expected.shipment));
+        }
         for shipment in lost {
             self.lose(shipment, &format!("the link from the agent of {machine} has ended"));
         }

@@ -82,24 +82,22 @@ impl Depot {
         &mut self,
         shipment: Shipment,
         loan: WritableLoan,
-        receivers: &[FederateId],
+        receivers: &[(FederateId, u32)],
     ) -> (Object, Vec<Delivery>) {
         self.remember(shipment);
         let object = self.store.publish(loan);
         let serial = object.object_ref().serial;
         let mut deliveries = Vec::new();
         for (reader, federate) in &self.readers {
-            let uses = receivers.iter().filter(|receiver| *receiver == federate).count();
-            if uses == 0 {
-                continue;
-            }
+            let named = receivers.iter().find(|(receiver, _)| receiver == federate);
+            let Some(&(_, uses)) = named else { continue };
             for _ in 0..uses {
                 let added = self.store.add_reader(serial, *reader);
                 added.expect("the service holds what it has just published");
             }
             deliveries.push(Delivery {
                 reader: *reader,
-                uses: u32::try_from(uses).expect("a label is short"),
+                uses,
                 mapped: self.store.unannounced(*reader),
                 retired: self.store.retired(*reader),
             });
@@ -123,8 +121,9 @@ impl Depot {
     }
 
     /// The readers that are processes of these federates.
-    pub(super) fn readers_of(&self, receivers: &[FederateId]) -> Vec<FederateId> {
-        let of = self.readers.iter().filter(|(_, federate)| receivers.contains(federate));
+    pub(super) fn readers_of(&self, receivers: &[(FederateId, u32)]) -> Vec<FederateId> {
+        let is_meant = |federate: &FederateId| receivers.iter().any(|(it, _)| it == federate);
+        let of = self.readers.iter().filter(|(_, federate)| is_meant(federate));
         of.map(|(reader, _)| *reader).collect()
     }
 }

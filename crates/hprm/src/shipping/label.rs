@@ -16,10 +16,10 @@ use super::records::Destination;
 use crate::records::encode;
 
 /// The version of this protocol.
-pub(super) const VERSION: u32 = 1;
+pub(super) const VERSION: u32 = 2;
 
-/// The most bytes of a label, or of what a service says first.
-pub(super) const LABEL_LIMIT: usize = 64 << 10;
+/// The most bytes of a label, or of what a service says first: there is room for all federates of a federation.
+pub(super) const LABEL_LIMIT: usize = 1 << 20;
 
 /// The bytes of a length.
 pub(super) const LENGTH: usize = 4;

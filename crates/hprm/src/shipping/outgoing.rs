@@ -20,6 +20,9 @@ const PAUSE: Nanos = 500_000_000;
 /// How long a machine may not be reached before what is to go there is dropped. Links of federates end earlier.
 const GIVE_UP: Nanos = 60_000_000_000;
 
+/// How many links may end, one after the other, without a receipt before the first shipment counts as lost.
+const IN_VAIN: u32 = 4;
+
 /// How many bytes are written before others have their turn.
 const TURN: usize = 1 << 20;
 
@@ -34,6 +37,8 @@ pub(super) struct Outgoing {
     leads: BTreeSet<String>,
     /// When the machine was last reached, or nothing was to be sent.
     reached_at: PhysicalTime,
+    /// How many links one after the other have ended without any receipt.
+    in_vain: u32,
 }
 
 #[derive(Debug)]
@@ -57,8 +62,9 @@ struct OpenLink {
     written: usize,
     /// The block of that shipment that is being written, if it is compressed.
     block: Block,
-    /// A receipt of which not all bytes have come.
+    /// A receipt of which not all bytes have come, and whether any has come whole.
     receipt: Vec<u8>,
+    has_receipts: bool,
 }
 
 /// A compressed block.
@@ -75,6 +81,8 @@ struct Block {
 struct Cargo {
     /// None of what is only told: there is no receipt for that.
     shipment: Option<Shipment>,
+    item: Item,
+    /// The item as bytes.
     label: Vec<u8>,
     /// None if it is lost.
     object: Option<Object>,
@@ -82,6 +90,30 @@ struct Cargo {
 }
 
 impl Cargo {
+    fn shipment(label: Label, object: Option<Object>) -> Self {
+        let (shipment, compress) = (Some(label.shipment), label.compress);
+        let item = Item::Shipment(label);
+        Self { shipment, label: framed(&item), item, object, compress }
+    }
+
+    /// The same without its bytes, which will not come.
+    fn lost(self, why: &str) -> Self {
+        match self.item {
+            Item::Shipment(label) => {
+                Self::shipment(Label { lost: Some(why.to_owned()), ..label }, None)
+            }
+            Item::Leads { .. } => self,
+        }
+    }
+
+    /// What stands on it, if it is a shipment.
+    fn label_of(&self) -> Option<&Label> {
+        match &self.item {
+            Item::Shipment(label) => Some(label),
+            Item::Leads { .. } => None,
+        }
+    }
+
     fn bytes(&self) -> &[u8] {
         self.object.as_ref().map_or(&[], Object::as_bytes)
     }
@@ -96,6 +128,7 @@ impl Outgoing {
             cargo: VecDeque::new(),
             leads: BTreeSet::new(),
             reached_at: now,
+            in_vain: 0,
         }
     }
 
@@ -104,9 +137,7 @@ impl Outgoing {
         if self.cargo.is_empty() {
             self.reached_at = now;
         }
-        let (shipment, compress) = (Some(label.shipment), label.compress);
-        let label = framed(&Item::Shipment(label.clone()));
-        self.cargo.push_back(Cargo { shipment, label, object, compress });
+        self.cargo.push_back(Cargo::shipment(label.clone(), object));
     }
 
     /// Shipments of another machine are led there, as long as that reaches this one.
@@ -117,8 +148,9 @@ impl Outgoing {
         };
         // Without a link, the next one begins with it.
         if changes && matches!(self.link, Link::Open(_)) {
-            let label = framed(&Item::Leads { machine: machine.to_owned(), is_there });
-            self.cargo.push_back(Cargo { shipment: None, label, object: None, compress: false });
+            let item = Item::Leads { machine: machine.to_owned(), is_there };
+            let (shipment, label, object) = (None, framed(&item), None);
+            self.cargo.push_back(Cargo { shipment, label, item, object, compress: false });
         }
     }
 
@@ -166,6 +198,7 @@ impl Outgoing {
                     written: 0,
                     block: Block::default(),
                     receipt: Vec::new(),
+                    has_receipts: false,
                 });
             }
             Err(error) => {
@@ -175,11 +208,47 @@ impl Outgoing {
         }
     }
 
+    /// The link has ended, or could not be opened.
     fn close(&mut self, now: PhysicalTime) {
-        self.link = Link::Closed { until: now.plus(PAUSE) };
-        if now.since(self.reached_at) > GIVE_UP {
-            self.cargo.clear();
+        let before = std::mem::replace(&mut self.link, Link::Closed { until: now.plus(PAUSE) });
+        if let Link::Open(link) = before {
+            let is_in_vain = !link.has_receipts && !self.cargo.is_empty();
+            self.in_vain = if is_in_vain { self.in_vain + 1 } else { 0 };
         }
+        let mut dropped = 0;
+        if now.since(self.reached_at) > GIVE_UP {
+            (self.reached_at, dropped) = (now, self.cargo.len());
+        } else if self.in_vain == IN_VAIN {
+            // It may be what ends the links, and others wait behind it.
+            (self.in_vain, dropped) = (0, 1);
+        }
+        for cargo in
+            self.cargo.drain(..dropped.min(self.cargo.len())).collect::<Vec<_>>().into_iter().rev()
+        {
+            // Its receivers wait for it, so they are told when they can be.
+            if cargo.object.is_some() {
+                self.cargo.push_front(cargo.lost("its machine was not reached for too long"));
+            }
+        }
+    }
+
+    /// The machines to which shipments of this one go, if there is no link.
+    pub(super) fn stranded(&self) -> BTreeSet<&str> {
+        let is_closed = matches!(self.link, Link::Closed { .. });
+        let labels = self.cargo.iter().filter_map(Cargo::label_of).filter(|_| is_closed);
+        let own = labels.filter(|label| label.from == self.from);
+        own.flat_map(|label| label.to.iter().map(|(machine, _)| machine.as_str())).collect()
+    }
+
+    /// Takes these shipments out: another way leads there.
+    pub(super) fn take_stranded(&mut self) -> Vec<(Label, Option<Object>)> {
+        let from = &self.from;
+        let is_own = |it: &Cargo| it.label_of().is_some_and(|label| label.from == *from);
+        let (own, others) = self.cargo.drain(..).partition(is_own);
+        self.cargo = others;
+        let own: VecDeque<Cargo> = own;
+        let own = own.into_iter();
+        own.filter_map(|it| Some((it.label_of()?.clone(), it.object))).collect()
     }
 
     /// What to wait for: the link, and whether it is to be written.
@@ -193,17 +262,19 @@ impl Outgoing {
         }
     }
 
-    /// Writes and reads what the link takes and has.
-    pub(super) fn proceed(&mut self, now: PhysicalTime) {
-        let Link::Open(link) = &mut self.link else { return };
-        let done = link.write(&mut self.cargo).and_then(|()| link.read(&mut self.cargo));
-        match done {
+    /// Writes and reads what the link takes and has. Returns which shipments the other end has.
+    pub(super) fn proceed(&mut self, now: PhysicalTime) -> Vec<Shipment> {
+        let mut arrived = Vec::new();
+        let Link::Open(link) = &mut self.link else { return arrived };
+        let written = link.write(&mut self.cargo);
+        match written.and_then(|()| link.read(&mut self.cargo, &mut arrived)) {
             Ok(()) => self.reached_at = now,
             Err(error) => {
                 tracing::debug!("a link for shipments has ended: {error}");
                 self.close(now);
             }
         }
+        arrived
     }
 }
 
@@ -283,7 +354,7 @@ impl OpenLink {
     }
 
     /// Reads receipts. A shipment is dropped once its receipt has come.
-    fn read(&mut self, cargo: &mut VecDeque<Cargo>) -> io::Result<()> {
+    fn read(&mut self, cargo: &mut VecDeque<Cargo>, arrived: &mut Vec<Shipment>) -> io::Result<()> {
         let mut buffer = [0; 64 * RECEIPT];
         loop {
             match self.stream.read(&mut buffer) {
@@ -296,11 +367,11 @@ impl OpenLink {
             let whole = self.receipt.len() - self.receipt.len() % RECEIPT;
             for came in self.receipt.drain(..whole).collect::<Vec<_>>().chunks(RECEIPT) {
                 let is_meant = |it: &Cargo| it.shipment.map(receipt).is_some_and(|it| it == *came);
-                if cargo.iter().take(self.sent).position(is_meant).is_some_and(|at| {
-                    cargo.remove(at);
-                    true
-                }) {
+                let at = cargo.iter().take(self.sent).position(is_meant);
+                if let Some(cargo) = at.and_then(|at| cargo.remove(at)) {
                     self.sent -= 1;
+                    self.has_receipts = true;
+                    arrived.extend(cargo.shipment);
                 }
             }
         }

@@ -5,10 +5,10 @@ use hprm_federated::FederationId;
 use serde::{Deserialize, Serialize};
 
 /// The version of these records. A service of another version is none.
-pub(super) const VERSION: u32 = 1;
+pub(super) const VERSION: u32 = 2;
 
-/// Where a shipment goes: a machine, and the receivers there. One that gets it with two messages is named twice.
-pub(super) type Destination = (String, Vec<FederateId>);
+/// Where a shipment goes: a machine, and the receivers there, each with the number of times that messages name it.
+pub(super) type Destination = (String, Vec<(FederateId, u32)>);
 
 /// What a federate says.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
@@ -23,8 +23,9 @@ pub(super) enum Ask {
     Ship { shipment: Shipment, object: ObjectRef, to: Vec<Destination>, compress: bool },
     /// It does not read these objects of the service any more.
     Release { serials: Vec<u64> },
-    /// A message waits for this shipment, which comes from that machine.
-    Expect { shipment: Shipment, from: String },
+    /// A message waits for this shipment, which comes from that machine. If the link on which the message came has ended,
+    /// it waits only as long as there is a link for shipments.
+    Expect { shipment: Shipment, from: String, link_ended: bool },
 }
 
 /// What the service says.
@@ -42,4 +43,6 @@ pub(super) enum Told {
     Arrived { shipment: Shipment, object: ObjectRef, uses: u32 },
     /// A shipment will not come, for this reason.
     Lost { shipment: Shipment, why: String },
+    /// Last of all: what the federate has sent cannot be read.
+    Refused { why: String },
 }

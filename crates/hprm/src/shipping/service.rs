@@ -11,7 +11,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
 use std::time::Duration;
 
-use hprm_core::{FederateId, Nanos, PhysicalTime};
+use hprm_core::{FederateId, Nanos, PhysicalTime, Shipment};
 use hprm_federated::{FederationId, relay};
 use hprm_store::{Object, WritableLoan};
 use rustix::event::{EventfdFlags, eventfd};
@@ -19,7 +19,7 @@ use rustix::event::{EventfdFlags, eventfd};
 use super::customer::{Customer, Joined};
 use super::depot::Depot;
 use super::incoming::{Came, Incoming};
-use super::label::Label;
+use super::label::{LABEL_LIMIT, Label, framed};
 use super::outgoing::Outgoing;
 use super::records::{Ask, Destination, Told, VERSION};
 use super::{SHIPMENTS, socket_name};
@@ -46,6 +46,9 @@ const UNUSED: Nanos = 10_000_000_000;
 /// How long the way to a machine counts as known.
 const ROUTE: Nanos = 5_000_000_000;
 
+/// The most federates of this machine; a further one has no shipments.
+const CUSTOMERS: usize = 4096;
+
 /// How many records of a federate, or how much of a link, is read in one turn.
 const READS: usize = 64;
 
@@ -60,12 +63,23 @@ pub struct ShippingService {
     customers: BTreeMap<u64, Customer>,
     outgoing: BTreeMap<String, Outgoing>,
     incoming: BTreeMap<u64, Incoming>,
+    /// What is led to other machines, and not there yet.
+    led: BTreeMap<(u64, u64), Led>,
     /// The machine next on the way to another one, and when the agent has said so.
     routes: BTreeMap<String, (String, PhysicalTime)>,
     /// Whether this machine leads what others send one another.
     leads: Arc<AtomicBool>,
     /// The number of the next customer or link.
     next: u64,
+}
+
+/// A shipment that is led to other machines.
+#[derive(Clone, Copy, Debug)]
+struct Led {
+    /// The link on which it came last.
+    link: u64,
+    /// How many machines do not have it yet.
+    left: usize,
 }
 
 /// What threads tell the loop.
@@ -95,6 +109,7 @@ impl ShippingService {
             customers: BTreeMap::new(),
             outgoing: BTreeMap::new(),
             incoming: BTreeMap::new(),
+            led: BTreeMap::new(),
             routes: BTreeMap::new(),
             leads: Arc::default(),
             next: 0,
@@ -165,6 +180,9 @@ impl ShippingService {
     fn admit(&mut self) {
         while let Some(accepted) = self.listener.accept() {
             let Ok(socket) = accepted else { continue };
+            if self.customers.len() >= CUSTOMERS {
+                continue;
+            }
             let number = self.number();
             self.customers.insert(number, Customer::new(socket));
         }
@@ -177,7 +195,26 @@ impl ShippingService {
         while let Ok((machine, opened)) = self.news.receiver.try_recv() {
             if let Some(outgoing) = self.outgoing.get_mut(&machine) {
                 outgoing.opened(opened, Clock::now());
+                self.lead_another_way(&machine);
             }
+        }
+    }
+
+    /// If what waits for a machine goes another way by now, it does so.
+    fn lead_another_way(&mut self, hop: &str) {
+        let Some(outgoing) = self.outgoing.get(hop) else { return };
+        let stranded: Vec<String> = outgoing.stranded().into_iter().map(str::to_owned).collect();
+        let mut has_another = false;
+        for machine in stranded {
+            self.routes.remove(&machine);
+            has_another |= self.hop(&machine) != hop;
+        }
+        if !has_another {
+            return;
+        }
+        let taken = self.outgoing.get_mut(hop).map(Outgoing::take_stranded).unwrap_or_default();
+        for (label, object) in taken {
+            self.send(&label, object.as_ref());
         }
     }
 
@@ -191,10 +228,15 @@ impl ShippingService {
                     Ok(Some((record, with))) => {
                         records::decode::<Ask>(&record).map(|ask| self.obey(number, ask, with))
                     }
+                    // It has ended.
+                    Err(error) if is_end(&error) => {
+                        self.remove_customer(number);
+                        break;
+                    }
                     Err(_) => None,
                 };
                 if asked.flatten().is_none() {
-                    self.remove_customer(number);
+                    self.refuse(number);
                 }
             }
         }
@@ -225,20 +267,35 @@ impl ShippingService {
                 (object.as_bytes().len() as u64 == shipment.len).then_some(())?;
                 let (federation, from) = (joined.federation, self.machine.clone());
                 let label = Label { federation, shipment, from, to, compress, lost: None };
-                self.send(&label, &object);
+                (framed(&label).len() < LABEL_LIMIT).then_some(())?;
+                self.send(&label, Some(&object));
             }
             Ask::Release { serials } => {
                 let depot = self.depots.get_mut(&joined.federation)?;
                 depot.release(joined.reader, &serials);
             }
-            Ask::Expect { shipment, from } => {
-                // It may have come while the federate said so.
-                if !self.depots.get(&joined.federation)?.remembers(shipment) {
-                    customer.expect(shipment, from, Clock::now());
+            Ask::Expect { shipment, from, link_ended } => {
+                let is_known = self.depots.get(&joined.federation)?.remembers(shipment);
+                let is_coming = from == self.machine || is_reached(&self.incoming, &from);
+                if is_known {
+                    // It has come while the federate said so.
+                } else if link_ended && !is_coming {
+                    customer.lose(shipment, &format!("nothing comes from the agent of {from}"));
+                } else {
+                    customer.expect(shipment, (from, link_ended), Clock::now());
                 }
             }
         }
         Some(())
+    }
+
+    /// What a federate says cannot be read. Messages may wait for what it wanted to ship, so it must not go on.
+    fn refuse(&mut self, number: u64) {
+        if let Some(customer) = self.customers.get_mut(&number) {
+            let why = "it cannot read what this federate sends: is it of another version?";
+            let _ = customer.tell(&Told::Refused { why: why.to_owned() }, None);
+        }
+        self.remove_customer(number);
     }
 
     fn remove_customer(&mut self, number: u64) {
@@ -253,18 +310,20 @@ impl ShippingService {
 
     /// Sends a shipment to the machines on its label: once to each that is next on the way to some of them. To federates
     /// of this machine the bytes are copied, as if they had come.
-    fn send(&mut self, label: &Label, object: &Object) {
+    fn send(&mut self, label: &Label, object: Option<&Object>) {
         let mut hops: BTreeMap<String, Vec<Destination>> = BTreeMap::new();
         for (machine, receivers) in &label.to {
             if *machine == self.machine {
-                self.copy_here(label, object, receivers);
+                if let Some(object) = object {
+                    self.copy_here(label, object, receivers);
+                }
             } else {
                 let hop = self.hop(machine);
                 hops.entry(hop).or_default().push((machine.clone(), receivers.clone()));
             }
         }
         for (hop, to) in hops {
-            self.send_to(hop, &Label { to, ..label.clone() }, Some(object.clone()));
+            self.send_to(hop, &Label { to, ..label.clone() }, object.cloned());
         }
     }
 
@@ -291,7 +350,7 @@ impl ShippingService {
         hop
     }
 
-    fn copy_here(&mut self, label: &Label, object: &Object, receivers: &[FederateId]) {
+    fn copy_here(&mut self, label: &Label, object: &Object, receivers: &[(FederateId, u32)]) {
         match self.loan(label) {
             Ok(Some(mut loan)) => {
                 loan.copy_from_slice(object.as_bytes());
@@ -327,7 +386,7 @@ impl ShippingService {
         &mut self,
         label: &Label,
         loan: WritableLoan,
-        receivers: &[FederateId],
+        receivers: &[(FederateId, u32)],
     ) -> Option<Object> {
         let depot = self.depots.get_mut(&label.federation)?;
         let (object, deliveries) = depot.deliver(label.shipment, loan, receivers);
@@ -344,7 +403,7 @@ impl ShippingService {
     }
 
     /// Tells receivers here that a shipment will not come.
-    fn lose(&mut self, label: &Label, receivers: &[FederateId], why: &str) {
+    fn lose(&mut self, label: &Label, receivers: &[(FederateId, u32)], why: &str) {
         let Some(depot) = self.depots.get(&label.federation) else { return };
         for reader in depot.readers_of(receivers) {
             let number = self.number_of(label.federation, reader);
@@ -379,20 +438,16 @@ impl ShippingService {
             self.outgoing.values_mut().for_each(|outgoing| outgoing.lead(machine, false));
         }
         for machine in link.into_reached() {
-            if !self.is_reached(&machine) {
+            if !is_reached(&self.incoming, &machine) {
                 self.gone(&machine);
             }
         }
     }
 
-    /// Whether there is a link over which shipments of a machine come.
-    fn is_reached(&self, machine: &str) -> bool {
-        self.incoming.values().any(|link| link.reaches(machine))
-    }
-
-    /// Nothing comes from a machine any more.
+    /// There is no link from a machine any more.
     fn gone(&mut self, machine: &str) {
-        self.customers.values_mut().for_each(|customer| customer.gone(machine));
+        let now = Clock::now();
+        self.customers.values_mut().for_each(|customer| customer.gone(machine, now));
     }
 
     fn read_link(&mut self, number: u64) -> io::Result<()> {
@@ -418,12 +473,16 @@ impl ShippingService {
                     }
                 }
                 Came::Gone(machine) => {
-                    if !self.is_reached(&machine) {
+                    if !is_reached(&self.incoming, &machine) {
                         self.gone(&machine);
                     }
                 }
                 Came::Shipment(label, loan) => {
-                    link.acknowledge(label.shipment)?;
+                    // Another link may have brought it meanwhile.
+                    let loan = loan.filter(|_| !self.remembers(&label));
+                    if !self.must_arrive_elsewhere(number, &label, loan.is_some()) {
+                        self.acknowledge(number, label.shipment)?;
+                    }
                     match loan {
                         Some(loan) => self.arrived(&label, loan),
                         None if label.lost.is_some() => self.lost(label),
@@ -435,8 +494,46 @@ impl ShippingService {
         Ok(())
     }
 
+    fn remembers(&self, label: &Label) -> bool {
+        self.depots.get(&label.federation).is_some_and(|depot| depot.remembers(label.shipment))
+    }
+
+    /// Whether the receipt for a shipment that came over a link has to wait until those have it to which it is led. Until
+    /// then, the sender keeps it, for this machine may end.
+    fn must_arrive_elsewhere(&mut self, link: u64, label: &Label, is_new: bool) -> bool {
+        let key = (label.shipment.stream, label.shipment.number);
+        if let Some(led) = self.led.get_mut(&key) {
+            // It has come again.
+            led.link = link;
+            return true;
+        }
+        let left = if is_new { self.elsewhere(label).len() } else { 0 };
+        if left > 0 {
+            self.led.insert(key, Led { link, left });
+        }
+        left > 0
+    }
+
+    /// One of those to which a shipment is led has it.
+    fn arrived_elsewhere(&mut self, shipment: Shipment) {
+        let key = (shipment.stream, shipment.number);
+        let Some(led) = self.led.get_mut(&key) else { return };
+        led.left -= 1;
+        let link = led.link;
+        if led.left == 0 {
+            self.led.remove(&key);
+            if self.acknowledge(link, shipment).is_err() {
+                self.link_ended(link);
+            }
+        }
+    }
+
+    fn acknowledge(&mut self, link: u64, shipment: Shipment) -> io::Result<()> {
+        self.incoming.get_mut(&link).map_or(Ok(()), |link| link.acknowledge(shipment))
+    }
+
     /// The receivers on this machine.
-    fn receivers_here(&self, label: &Label) -> Vec<FederateId> {
+    fn receivers_here(&self, label: &Label) -> Vec<(FederateId, u32)> {
         let here = label.to.iter().filter(|(machine, _)| *machine == self.machine);
         here.flat_map(|(_, receivers)| receivers.iter().copied()).collect()
     }
@@ -467,24 +564,23 @@ impl ShippingService {
 
     /// Opens links, and writes what leaves.
     fn write_links(&mut self) {
-        let now = Clock::now();
+        let (now, mut arrived) = (Clock::now(), Vec::new());
         for (machine, outgoing) in &mut self.outgoing {
-            outgoing.proceed(now);
+            arrived.extend(outgoing.proceed(now));
             if outgoing.begins_to_open(now) {
                 self.news.open(machine);
             }
         }
+        arrived.into_iter().for_each(|shipment| self.arrived_elsewhere(shipment));
     }
 
     /// Looks for what does not come, and for memory that is not used.
     fn look(&mut self) {
         let now = Clock::now();
         let incoming = &self.incoming;
-        let is_reached = |machine: &str| {
-            machine == self.machine || incoming.values().any(|link| link.reaches(machine))
-        };
+        let comes = |from: &str| from == self.machine || is_reached(incoming, from);
         for customer in self.customers.values_mut() {
-            customer.look(now, PATIENCE, is_reached);
+            customer.look(now, PATIENCE, comes);
         }
         self.outgoing.retain(|_, outgoing| !outgoing.is_over());
         let customers = &self.customers;
@@ -525,6 +621,16 @@ impl News {
             let _ = self.sender.send((machine.to_owned(), Err(error)));
         }
     }
+}
+
+/// Whether there is a link over which shipments of a machine come.
+fn is_reached(incoming: &BTreeMap<u64, Incoming>, machine: &str) -> bool {
+    incoming.values().any(|link| link.reaches(machine))
+}
+
+/// Whether the other end of a connection has only ended.
+fn is_end(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::ConnectionReset | io::ErrorKind::BrokenPipe)
 }
 
 /// Nothing to accept is no error.
