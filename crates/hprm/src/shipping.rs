@@ -12,9 +12,11 @@
 //! they always see: a message that arrives a little later.
 //!
 //! Under this module: `client.rs` is a federate's end of the connection with the service, `records.rs` what they say.
-//! Of the service, `service.rs` is the loop, `customer.rs` a federate as it sees it, `outgoing.rs` what leaves for one machine, `incoming.rs` what comes from
-//! one, `label.rs` what two services say, `blocks.rs` how they compress, and `depot.rs` the memory of one federation here. Links between machines are
-//! the business of agents: the service asks for them as any process does.
+//! Of the service, `service.rs` is the loop, `customer.rs` a federate as it sees it, and `depot.rs` the memory of one
+//! federation here. `outgoing.rs` is what leaves for one machine, `incoming.rs` what comes from one, `label.rs` what two
+//! services say, and `blocks.rs` how they compress. `routes.rs` knows which machine is next on the way to another one,
+//! and `led.rs` what a router has not handed on yet. Links between machines are the business of agents: the service asks
+//! for them as any process does.
 
 mod blocks;
 mod client;
@@ -22,8 +24,10 @@ mod customer;
 mod depot;
 mod incoming;
 mod label;
+mod led;
 mod outgoing;
 mod records;
+mod routes;
 mod service;
 #[cfg(test)]
 mod tests;

@@ -39,6 +39,8 @@ pub(super) struct Outgoing {
     reached_at: PhysicalTime,
     /// How many links one after the other have ended without any receipt.
     in_vain: u32,
+    /// What need not be kept any more: the other end has it, or it is given up.
+    done: Vec<Shipment>,
 }
 
 #[derive(Debug)]
@@ -129,6 +131,7 @@ impl Outgoing {
             leads: BTreeSet::new(),
             reached_at: now,
             in_vain: 0,
+            done: Vec::new(),
         }
     }
 
@@ -227,6 +230,7 @@ impl Outgoing {
         {
             // Its receivers wait for it, so they are told when they can be.
             if cargo.object.is_some() {
+                self.done.extend(cargo.shipment);
                 self.cargo.push_front(cargo.lost("its machine was not reached for too long"));
             }
         }
@@ -262,19 +266,22 @@ impl Outgoing {
         }
     }
 
-    /// Writes and reads what the link takes and has. Returns which shipments the other end has.
-    pub(super) fn proceed(&mut self, now: PhysicalTime) -> Vec<Shipment> {
-        let mut arrived = Vec::new();
-        let Link::Open(link) = &mut self.link else { return arrived };
+    /// Writes and reads what the link takes and has.
+    pub(super) fn proceed(&mut self, now: PhysicalTime) {
+        let Link::Open(link) = &mut self.link else { return };
         let written = link.write(&mut self.cargo);
-        match written.and_then(|()| link.read(&mut self.cargo, &mut arrived)) {
+        match written.and_then(|()| link.read(&mut self.cargo, &mut self.done)) {
             Ok(()) => self.reached_at = now,
             Err(error) => {
                 tracing::debug!("a link for shipments has ended: {error}");
                 self.close(now);
             }
         }
-        arrived
+    }
+
+    /// The shipments that need not be kept any more: the other end has them, or they are given up.
+    pub(super) fn take_done(&mut self) -> Vec<Shipment> {
+        std::mem::take(&mut self.done)
     }
 }
 
@@ -354,7 +361,7 @@ impl OpenLink {
     }
 
     /// Reads receipts. A shipment is dropped once its receipt has come.
-    fn read(&mut self, cargo: &mut VecDeque<Cargo>, arrived: &mut Vec<Shipment>) -> io::Result<()> {
+    fn read(&mut self, cargo: &mut VecDeque<Cargo>, done: &mut Vec<Shipment>) -> io::Result<()> {
         let mut buffer = [0; 64 * RECEIPT];
         loop {
             match self.stream.read(&mut buffer) {
@@ -371,7 +378,8 @@ impl OpenLink {
                 if let Some(cargo) = at.and_then(|at| cargo.remove(at)) {
                     self.sent -= 1;
                     self.has_receipts = true;
-                    arrived.extend(cargo.shipment);
+                    // What is lost has been given up before.
+                    done.extend(cargo.shipment.filter(|_| cargo.object.is_some()));
                 }
             }
         }

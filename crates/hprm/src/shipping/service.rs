@@ -20,16 +20,18 @@ use super::customer::{Customer, Joined};
 use super::depot::Depot;
 use super::incoming::{Came, Incoming};
 use super::label::{LABEL_LIMIT, Label, framed};
+use super::led::Led;
 use super::outgoing::Outgoing;
 use super::records::{Ask, Destination, Told, VERSION};
+use super::routes::Routes;
 use super::{SHIPMENTS, socket_name};
 use crate::Clock;
 use crate::agent::{Place, agent_address};
-use crate::link::{accept_from_agent, connect_through_agent, listen_at_agent, route_through_agent};
+use crate::link::{accept_from_agent, connect_through_agent, listen_at_agent};
 use crate::records::{self, RecordListener};
 use crate::wait::{Interest, Interests, wait};
 
-/// How long the agent may take to open a link, or to say which way it leads.
+/// How long the agent may take to open a link.
 const OPENING: Duration = Duration::from_secs(20);
 
 /// How often the service looks for what does not come, and for memory that is not used.
@@ -42,9 +44,6 @@ const _: () = assert!(PATIENCE == relay::TOLD);
 
 /// How long the memory of a federation is kept that nothing uses here.
 const UNUSED: Nanos = 10_000_000_000;
-
-/// How long the way to a machine counts as known.
-const ROUTE: Nanos = 5_000_000_000;
 
 /// The most federates of this machine; a further one has no shipments.
 const CUSTOMERS: usize = 4096;
@@ -64,22 +63,12 @@ pub struct ShippingService {
     outgoing: BTreeMap<String, Outgoing>,
     incoming: BTreeMap<u64, Incoming>,
     /// What is led to other machines, and not there yet.
-    led: BTreeMap<(u64, u64), Led>,
-    /// The machine next on the way to another one, and when the agent has said so.
-    routes: BTreeMap<String, (String, PhysicalTime)>,
+    led: Led,
+    routes: Routes,
     /// Whether this machine leads what others send one another.
     leads: Arc<AtomicBool>,
     /// The number of the next customer or link.
     next: u64,
-}
-
-/// A shipment that is led to other machines.
-#[derive(Clone, Copy, Debug)]
-struct Led {
-    /// The link on which it came last.
-    link: u64,
-    /// How many machines do not have it yet.
-    left: usize,
 }
 
 /// What threads tell the loop.
@@ -109,8 +98,8 @@ impl ShippingService {
             customers: BTreeMap::new(),
             outgoing: BTreeMap::new(),
             incoming: BTreeMap::new(),
-            led: BTreeMap::new(),
-            routes: BTreeMap::new(),
+            led: Led::default(),
+            routes: Routes::default(),
             leads: Arc::default(),
             next: 0,
         })
@@ -206,8 +195,7 @@ impl ShippingService {
         let stranded: Vec<String> = outgoing.stranded().into_iter().map(str::to_owned).collect();
         let mut has_another = false;
         for machine in stranded {
-            self.routes.remove(&machine);
-            has_another |= self.hop(&machine) != hop;
+            has_another |= self.routes.hop_now(&machine) != hop;
         }
         if !has_another {
             return;
@@ -318,7 +306,7 @@ impl ShippingService {
                     self.copy_here(label, object, receivers);
                 }
             } else {
-                let hop = self.hop(machine);
+                let hop = self.routes.hop(machine);
                 hops.entry(hop).or_default().push((machine.clone(), receivers.clone()));
             }
         }
@@ -335,19 +323,6 @@ impl ShippingService {
     fn outgoing_to(&mut self, machine: String) -> &mut Outgoing {
         let outgoing = self.outgoing.entry(machine);
         outgoing.or_insert_with(|| Outgoing::new(&self.machine, Clock::now()))
-    }
-
-    /// The machine to which what is for another one goes first. If the agent does not say, opening a link fails, too.
-    fn hop(&mut self, machine: &str) -> String {
-        let now = Clock::now();
-        if let Some((hop, said_at)) = self.routes.get(machine)
-            && now.since(*said_at) < ROUTE
-        {
-            return hop.clone();
-        }
-        let hop = route_through_agent(machine, OPENING).unwrap_or_else(|_| machine.to_owned());
-        self.routes.insert(machine.to_owned(), (hop.clone(), now));
-        hop
     }
 
     fn copy_here(&mut self, label: &Label, object: &Object, receivers: &[(FederateId, u32)]) {
@@ -480,7 +455,8 @@ impl ShippingService {
                 Came::Shipment(label, loan) => {
                     // Another link may have brought it meanwhile.
                     let loan = loan.filter(|_| !self.remembers(&label));
-                    if !self.must_arrive_elsewhere(number, &label, loan.is_some()) {
+                    let led_to = if loan.is_some() { self.elsewhere(&label).len() } else { 0 };
+                    if !self.led.came(label.shipment, number, led_to) {
                         self.acknowledge(number, label.shipment)?;
                     }
                     match loan {
@@ -498,33 +474,12 @@ impl ShippingService {
         self.depots.get(&label.federation).is_some_and(|depot| depot.remembers(label.shipment))
     }
 
-    /// Whether the receipt for a shipment that came over a link has to wait until those have it to which it is led. Until
-    /// then, the sender keeps it, for this machine may end.
-    fn must_arrive_elsewhere(&mut self, link: u64, label: &Label, is_new: bool) -> bool {
-        let key = (label.shipment.stream, label.shipment.number);
-        if let Some(led) = self.led.get_mut(&key) {
-            // It has come again.
-            led.link = link;
-            return true;
-        }
-        let left = if is_new { self.elsewhere(label).len() } else { 0 };
-        if left > 0 {
-            self.led.insert(key, Led { link, left });
-        }
-        left > 0
-    }
-
-    /// One of those to which a shipment is led has it.
-    fn arrived_elsewhere(&mut self, shipment: Shipment) {
-        let key = (shipment.stream, shipment.number);
-        let Some(led) = self.led.get_mut(&key) else { return };
-        led.left -= 1;
-        let link = led.link;
-        if led.left == 0 {
-            self.led.remove(&key);
-            if self.acknowledge(link, shipment).is_err() {
-                self.link_ended(link);
-            }
+    /// One of those to which a shipment is led has it, or never will.
+    fn done_elsewhere(&mut self, shipment: Shipment) {
+        if let Some(link) = self.led.done(shipment)
+            && self.acknowledge(link, shipment).is_err()
+        {
+            self.link_ended(link);
         }
     }
 
@@ -564,14 +519,15 @@ impl ShippingService {
 
     /// Opens links, and writes what leaves.
     fn write_links(&mut self) {
-        let (now, mut arrived) = (Clock::now(), Vec::new());
+        let (now, mut done) = (Clock::now(), Vec::new());
         for (machine, outgoing) in &mut self.outgoing {
-            arrived.extend(outgoing.proceed(now));
+            outgoing.proceed(now);
+            done.extend(outgoing.take_done());
             if outgoing.begins_to_open(now) {
                 self.news.open(machine);
             }
         }
-        arrived.into_iter().for_each(|shipment| self.arrived_elsewhere(shipment));
+        done.into_iter().for_each(|shipment| self.done_elsewhere(shipment));
     }
 
     /// Looks for what does not come, and for memory that is not used.

@@ -134,6 +134,7 @@ fn send_all(lens: &[usize], compress: bool, breaks: &[usize]) -> Vec<(u64, Vec<u
         outgoing.proceed(now);
     }
     assert!(outgoing.is_empty());
+    assert_eq!(outgoing.take_done().len(), lens.len());
     receiver.delivered
 }
 
@@ -193,6 +194,8 @@ fn what_cannot_be_sent_for_long_is_dropped() {
             freed = Some(now);
         }
     }
+    // It is given up once.
+    assert_eq!(outgoing.take_done(), [shipment(1, 1000)]);
     // The object is free after a minute. For another one, its receivers could be told that it is lost.
     let minutes = [freed.unwrap(), now].map(|it| it.since(NOW) / 60_000_000_000);
     assert_eq!(minutes, [1, 2]);
