@@ -372,6 +372,14 @@ impl Shipping {
         }
     }
 
+    /// Asks for what no service can do.
+    #[cfg(test)]
+    pub(super) fn ask_to_ship_nothing(&mut self) {
+        let shipment = self.logical.next(5);
+        let object = ObjectRef { owner: FederateId(4), serial: 0, segment: 9, offset: 0, len: 5 };
+        self.ask(&Ask::Ship { shipment, object, to: Vec::new(), compress: false }, None);
+    }
+
     /// Hands the service what waits, before this process ends.
     pub(crate) fn finish(&mut self, until: PhysicalTime) {
         while self.is_open && self.queue.waiting() > 0 && Clock::now() < until {

@@ -87,7 +87,10 @@ impl ShippingService {
     /// If the system does not allow it, or another agent of this user does.
     pub fn open(machine: &str) -> io::Result<Self> {
         let address = agent_address().map_err(io::Error::other)?;
-        let listener = RecordListener::bind(&socket_name(&address))?;
+        Self::with(machine, RecordListener::bind(&socket_name(&address))?)
+    }
+
+    fn with(machine: &str, listener: RecordListener) -> io::Result<Self> {
         let (sender, receiver) = channel();
         let mark = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?;
         Ok(Self {
@@ -596,3 +599,6 @@ fn none_yet(error: io::Error) -> io::Result<Option<UnixStream>> {
         _ => Err(error),
     }
 }
+
+#[cfg(test)]
+mod tests;

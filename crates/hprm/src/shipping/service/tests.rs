@@ -1,0 +1,161 @@
+//! The service with federates of its machine, and links whose other ends are written out.
+
+use std::io::{Read, Write};
+
+use hprm_core::Shipment;
+
+use super::*;
+use crate::shipping::client::Shipping;
+use crate::shipping::label::{Hello, Item, RECEIPT, VERSION as LINK_VERSION, receipt};
+
+const FEDERATION: FederationId = FederationId(7);
+
+fn service(name: &str) -> (ShippingService, String) {
+    let name = format!("hprm-test-service-{name}-{}", std::process::id());
+    let listener = RecordListener::bind(&name).unwrap();
+    (ShippingService::with("here", listener).unwrap(), name)
+}
+
+/// A federate of this machine that has joined.
+fn join(service: &mut ShippingService, name: &str, federate: u16) -> Shipping {
+    let name = name.to_owned();
+    let joining =
+        thread::spawn(move || Shipping::join_at(&name, FEDERATION, FederateId(federate)).unwrap());
+    while !joining.is_finished() {
+        service.admit();
+        service.serve_customers();
+        service.settle_customers();
+        thread::yield_now();
+    }
+    joining.join().unwrap()
+}
+
+/// A link from another machine, of which that has said what comes first.
+fn link(service: &mut ShippingService, machine: &str) -> (u64, UnixStream) {
+    let (mut there, here) = UnixStream::pair().unwrap();
+    here.set_nonblocking(true).unwrap();
+    there.set_nonblocking(true).unwrap();
+    let number = service.number();
+    service.incoming.insert(number, Incoming::new(here));
+    let (version, machine) = (LINK_VERSION, machine.to_owned());
+    there.write_all(&framed(&Hello { version, machine, leads: Vec::new() })).unwrap();
+    (number, there)
+}
+
+fn label(number: u64, len: u64, to: &[(&str, u16)]) -> Label {
+    let to = to.iter().map(|(machine, it)| ((*machine).to_owned(), vec![(FederateId(*it), 1)]));
+    Label {
+        federation: FEDERATION,
+        shipment: Shipment { stream: 1, number, len },
+        from: "there".to_owned(),
+        to: to.collect(),
+        compress: false,
+        lost: None,
+    }
+}
+
+/// Why a shipment is lost, as the federate is told.
+fn why(shipping: &mut Shipping, shipment: Shipment) -> Option<String> {
+    let mut store = hprm_store::Store::new(FederateId(3), hprm_store::StoreLimits::default());
+    shipping.serve(&mut store).unwrap();
+    let parts = vec![hprm_core::Part::Shipped(shipment)];
+    let mut payload = hprm_core::Payload { parts, ..hprm_core::Payload::default() };
+    shipping.claim(&mut payload, &mut store).err()
+}
+
+#[test]
+fn a_value_for_which_there_is_no_memory_is_told_at_once() {
+    let (mut service, name) = service("memory");
+    let mut reader = join(&mut service, &name, 3);
+    let (_, mut there) = link(&mut service, "there");
+    let label = label(1, 1 << 40, &[("here", 3)]);
+    let shipment = label.shipment;
+    there.write_all(&framed(&Item::Shipment(label))).unwrap();
+    service.read_links();
+    let why = why(&mut reader, shipment).unwrap();
+    assert!(why.starts_with("the agent of here has no memory for it: "), "{why}");
+}
+
+#[test]
+fn a_message_whose_link_has_ended_waits_only_for_a_machine_that_is_there() {
+    let (mut service, name) = service("ended");
+    let mut reader = join(&mut service, &name, 3);
+    let (number, there) = link(&mut service, "there");
+    service.read_links();
+    let shipments = [1, 2, 3].map(|number| label(number, 1000, &[("here", 3)]).shipment);
+    reader.expect(&shipments[..1], "there", true);
+    reader.expect(&shipments[1..2], "there", false);
+    service.serve_customers();
+    assert_eq!(shipments.map(|it| why(&mut reader, it)), [None, None, None]);
+    drop(there);
+    service.read_links();
+    assert!(!service.incoming.contains_key(&number));
+    let ended = Some("the link from the agent of there has ended".to_owned());
+    // The other one may come over the next link.
+    assert_eq!(shipments.map(|it| why(&mut reader, it)), [ended, None, None]);
+    reader.expect(&shipments[2..], "there", true);
+    service.serve_customers();
+    let nothing = Some("nothing comes from the agent of there".to_owned());
+    assert_eq!(why(&mut reader, shipments[2]), nothing);
+    let customer = service.customers.values_mut().next().unwrap();
+    customer.look(Clock::now().plus(PATIENCE + LOOK), PATIENCE, |_| false);
+    assert_eq!(why(&mut reader, shipments[1]), nothing);
+}
+
+#[test]
+fn a_router_gives_the_receipt_when_those_behind_it_have_the_value() {
+    let (mut service, _) = service("router");
+    service.leads.store(true, Ordering::Relaxed);
+    let (_, mut there) = link(&mut service, "there");
+    let label = label(1, 1000, &[("one", 3), ("other", 4)]);
+    let expected = receipt(label.shipment);
+    there.write_all(&framed(&Item::Shipment(label))).unwrap();
+    there.write_all(&[5; 1000]).unwrap();
+    service.read_links();
+    let mut buffer = [0; RECEIPT];
+    let behind = ["one", "other"].map(|machine| {
+        let (behind, here) = UnixStream::pair().unwrap();
+        here.set_nonblocking(true).unwrap();
+        let outgoing = service.outgoing.get_mut(machine).unwrap();
+        assert!(outgoing.begins_to_open(Clock::now()));
+        outgoing.opened(Ok(here), Clock::now());
+        behind
+    });
+    service.write_links();
+    for mut behind in &behind {
+        assert_eq!(there.read(&mut buffer).unwrap_err().kind(), io::ErrorKind::WouldBlock);
+        behind.write_all(&expected).unwrap();
+        service.write_links();
+    }
+    there.read_exact(&mut buffer).unwrap();
+    assert_eq!(buffer, expected);
+}
+
+#[test]
+fn a_machine_that_is_no_router_leads_nothing() {
+    let (mut service, _) = service("none");
+    let (_, mut there) = link(&mut service, "there");
+    there.write_all(&framed(&Item::Shipment(label(1, 1000, &[("one", 3)])))).unwrap();
+    there.write_all(&[5; 1000]).unwrap();
+    service.read_links();
+    assert!(service.outgoing.is_empty() && service.depots.is_empty());
+    // It need not be sent again, either.
+    there.read_exact(&mut [0; RECEIPT]).unwrap();
+}
+
+#[test]
+fn a_federate_that_says_what_cannot_be_read_is_told() {
+    let (mut service, name) = service("nonsense");
+    let mut other = join(&mut service, &name, 3);
+    let mut reader = join(&mut service, &name, 4);
+    // No segment has that object.
+    reader.ask_to_ship_nothing();
+    service.serve_customers();
+    let mut store = hprm_store::Store::new(FederateId(4), hprm_store::StoreLimits::default());
+    for shipping in [&mut other, &mut reader] {
+        shipping.serve(&mut store).unwrap();
+    }
+    assert_eq!((other.refused(), other.is_open()), (None, true));
+    assert!(reader.refused().unwrap().starts_with("it cannot read what this federate sends"));
+    assert_eq!(service.customers.len(), 1);
+}
