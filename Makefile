@@ -121,7 +121,7 @@ test-agent: $(VENV)/.checked $(VENV)/.requirements ## of `make test`, what runs 
 	cargo build $(CHECKED_AGENT) --bins --tests
 	cargo test $(CHECKED_AGENT)
 	HPRM_AGENT_PROGRAM=$(CURDIR)/target/agent/debug/hprm-agent \
-		$(BIN)/python -m pytest tests/agents --ignore tests/agents/test_fleet.py -n 6 --dist worksteal
+		$(BIN)/python -m pytest tests/agents --ignore tests/agents/test_fleet.py -n 4 --dist worksteal
 
 # It fails at times: `docs/howto/agents.md` says what is known of that.
 test-fleet: build agent ## run a federation of a hundred federates on ten machines, by nothing but agents

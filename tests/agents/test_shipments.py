@@ -58,7 +58,9 @@ federated reactor {{
 
 PLACES = {"source": "robot1", "sink__0": "robot2", "sink__1": "robot2"}
 ENDLESS = PROGRAM.replace(f"timeout: {(COUNT - 1) * 50} msec", "timeout: 1000 sec")
+#: Of this length, arrays are no more than agents that are not optimized encrypt in time.
 LONG = PROGRAM.replace(f"timeout: {(COUNT - 1) * 50} msec", "timeout: 3 sec")
+LONG = LONG.replace(str(LENGTH // 8), "50_000")
 
 
 def check(

@@ -23,6 +23,9 @@ pub(super) struct Customer {
     pub(super) joined: Option<Joined>,
     /// Its segments.
     pub(super) store: Store,
+    /// Whether it takes nothing any more. What it has sent before may still be there to be read, so only a read tells that
+    /// it has ended.
+    is_deaf: bool,
     /// What its messages wait for.
     expects: BTreeMap<(u64, u64), Expected>,
 }
@@ -53,14 +56,23 @@ impl Customer {
             queue: RecordQueue::new(socket),
             joined: None,
             store: Store::new(SERVICE, StoreLimits::default()),
+            is_deaf: false,
             expects: BTreeMap::new(),
         }
     }
 
-    /// Tells the federate something; none if that is gone, or takes nothing.
+    /// Tells the federate something; none if too much waits for it.
     pub(super) fn tell(&mut self, told: &Told, with: Option<OwnedFd>) -> Option<()> {
-        self.queue.push(records::encode(told), with).ok()?;
+        if self.is_deaf {
+            return Some(());
+        }
+        self.is_deaf = self.queue.push(records::encode(told), with).is_err();
         (self.queue.waiting() <= MOST_WAITING).then_some(())
+    }
+
+    /// Whether something waits for room in the connection.
+    pub(super) fn has_waiting(&self) -> bool {
+        !self.is_deaf && self.queue.waiting() > 0
     }
 
     /// Hands over a shipment; none if that cannot be.
@@ -129,17 +141,18 @@ impl Customer {
     /// A shipment will not come.
     pub(super) fn lose(&mut self, shipment: Shipment, why: &str) {
         self.expects.remove(&(shipment.stream, shipment.number));
-        // A federate that is gone is noticed when it is read.
+        // A federate for which too much waits is noticed when it is settled.
         let _ = self.tell(&Told::Lost { shipment, why: why.to_owned() }, None);
     }
 
-    /// Tells the federate which of its objects are not read any more, and writes what waits; none if it is gone.
+    /// Tells the federate which of its objects are not read any more, and writes what waits; none if that is too much.
     pub(super) fn settle(&mut self) -> Option<()> {
         let released = self.store.drain_releases();
         if !released.is_empty() {
             let serials = released.into_iter().map(|object| object.serial).collect();
             self.tell(&Told::Released { serials }, None)?;
         }
-        self.queue.settle().ok()
+        self.is_deaf |= self.queue.settle().is_err();
+        Some(())
     }
 }

@@ -162,6 +162,12 @@ impl Outgoing {
         self.cargo.is_empty()
     }
 
+    /// How much is to be sent, or waits for its receipt.
+    #[cfg(test)]
+    pub(super) fn len(&self) -> usize {
+        self.cargo.len()
+    }
+
     /// Whether there is nothing to keep: nothing to send, and no link.
     pub(super) fn is_over(&self) -> bool {
         self.is_empty() && matches!(self.link, Link::Closed { .. })

@@ -158,9 +158,8 @@ impl ShippingService {
             to_read(self.news.mark.as_fd()),
         ]);
         let customers = self.customers.values();
-        interests.extend(
-            customers.map(|it| Interest { fd: it.queue.as_fd(), write: it.queue.waiting() > 0 }),
-        );
+        interests
+            .extend(customers.map(|it| Interest { fd: it.queue.as_fd(), write: it.has_waiting() }));
         let links = self.outgoing.values().filter_map(Outgoing::interest);
         let links = links.chain(self.incoming.values().map(Incoming::interest));
         interests.extend(links.map(|(fd, write)| Interest { fd, write }));

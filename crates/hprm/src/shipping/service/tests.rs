@@ -144,6 +144,34 @@ fn a_machine_that_is_no_router_leads_nothing() {
 }
 
 #[test]
+fn what_a_federate_has_sent_before_it_ended_is_shipped() {
+    let (mut service, name) = service("sent");
+    let mut sender = join(&mut service, &name, 3);
+    let me = FederateId(3);
+    let mut store = hprm_store::Store::new(me, hprm_store::StoreLimits::default());
+    for _ in 0..2 {
+        let object = store.put(&vec![5; 1 << 20], &[me]).unwrap();
+        let parts = vec![hprm_core::Part::Object(object)];
+        let mut payload = hprm_core::Payload { parts, ..hprm_core::Payload::default() };
+        let (machine, receiver) = ("there", FederateId(4));
+        let way = crate::shipping::Way { machine, receiver, is_physical: false, compress: false };
+        sender.load(&mut payload, way, &mut store).unwrap();
+        sender.leave(&mut store);
+    }
+    drop(sender);
+    // That it takes nothing any more is noticed first.
+    service
+        .customers
+        .values_mut()
+        .for_each(|it| assert!(it.tell(&Told::Retired { segments: vec![] }, None).is_some()));
+    service.settle_customers();
+    service.serve_customers();
+    assert!(service.customers.is_empty());
+    let there = &service.outgoing["there"];
+    assert_eq!(there.len(), 2);
+}
+
+#[test]
 fn a_federate_that_says_what_cannot_be_read_is_told() {
     let (mut service, name) = service("nonsense");
     let mut other = join(&mut service, &name, 3);
