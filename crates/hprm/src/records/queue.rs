@@ -63,11 +63,17 @@ impl RecordQueue {
     ///
     /// If the other end is gone.
     pub(crate) fn receive(&self) -> io::Result<Option<Received>> {
+        let mut was_reset = false;
         loop {
             match self.socket.receive_up_to(RECORD_LIMIT) {
                 Ok(None) => return Err(io::ErrorKind::ConnectionReset.into()),
                 Ok(received) => return Ok(received),
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                // The other end has closed the socket before it has read all. The kernel says so first, and once; what the
+                // other end has sent comes after that.
+                Err(error) if error.kind() == io::ErrorKind::ConnectionReset && !was_reset => {
+                    was_reset = true;
+                }
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(None),
                 Err(error) => return Err(error),
             }
@@ -84,4 +90,26 @@ impl AsFd for RecordQueue {
 /// Whether a socket only has no room at the moment.
 pub(crate) fn may_be_tried_again(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::RecordListener;
+    use super::*;
+
+    #[test]
+    fn what_came_before_the_end_is_read_even_if_the_other_end_has_not_read_all() {
+        let name = format!("hprm-test-queue-{}", std::process::id());
+        let listener = RecordListener::bind(&name).unwrap();
+        let client = RecordSocket::connect(&name).unwrap();
+        let mut queue = RecordQueue::new(listener.accept().unwrap().unwrap());
+        queue.push(vec![1], None).unwrap();
+        for record in 2..4 {
+            client.send(&[record], None).unwrap();
+        }
+        drop(client);
+        let received: Vec<_> = (2..4).map(|_| queue.receive().unwrap().unwrap().0).collect();
+        assert_eq!(received, [[2], [3]]);
+        assert!(queue.receive().is_err());
+    }
 }

@@ -158,6 +158,10 @@ fn what_a_federate_has_sent_before_it_ended_is_shipped() {
         sender.load(&mut payload, way, &mut store).unwrap();
         sender.leave(&mut store);
     }
+    // The sender has not read that.
+    for customer in service.customers.values_mut() {
+        customer.tell(&Told::Retired { segments: vec![] }, None).unwrap();
+    }
     drop(sender);
     // That it takes nothing any more is noticed first.
     service
