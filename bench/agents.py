@@ -219,23 +219,12 @@ def zenoh(fleet: Fleet, length: int, period: int, messages: int, receivers: int)
 
 def settings(fleet: Fleet, machine: str, listen: str = "", connect: list[str] | None = None) -> str:
     """The configuration of a session of Zenoh with the certificate of a machine."""
-    files = fleet.credentials(machine)
-    certificate, key = str(files / "machine.pem"), str(files / "machine.key")
-    tls = {
-        "root_ca_certificate": str(files / "authority.pem"),
-        "connect_certificate": certificate,
-        "connect_private_key": key,
-        "listen_certificate": certificate,
-        "listen_private_key": key,
-        "enable_mtls": True,
-        "verify_name_on_connect": False,
-    }
     whole = {
         "mode": "peer",
         "connect": {"endpoints": connect or []},
         "listen": {"endpoints": [listen] if listen else []},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        "transport": {"link": {"tls": tls}},
+        "transport": {"link": {"tls": fleet.tls(machine)}},
     }
     return json.dumps(whole)
 

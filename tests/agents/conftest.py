@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from machines import Machines
+from networks import Fleet
 
 
 @pytest.fixture
@@ -15,3 +16,11 @@ def machines(tmp_path: Path) -> Iterator[Machines]:
     machines = Machines(tmp_path)
     yield machines
     machines.close()
+
+
+@pytest.fixture
+def fleet(tmp_path: Path) -> Iterator[Fleet]:
+    """Machines in subnets, without agents as yet."""
+    fleet = Fleet(tmp_path)
+    yield fleet
+    fleet.close()

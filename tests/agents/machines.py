@@ -7,6 +7,7 @@ import json
 import os
 import random
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -201,11 +202,11 @@ class Machines:
         """Where a machine has what its authority has given it."""
         return self.folder / f"config-{machine}" / "hprm" / "agent"
 
-    def spy(self, machine: str, connect: str) -> zenoh.Session:
-        """A session of Zenoh with the certificate of a machine, which obeys no rule."""
+    def tls(self, machine: str) -> dict[str, Any]:
+        """How sessions of Zenoh use the certificate of a machine."""
         files = self.credentials(machine)
         certificate, key = str(files / "machine.pem"), str(files / "machine.key")
-        tls = {
+        return {
             "root_ca_certificate": str(files / "authority.pem"),
             "connect_certificate": certificate,
             "connect_private_key": key,
@@ -214,6 +215,9 @@ class Machines:
             "enable_mtls": True,
             "verify_name_on_connect": False,
         }
+
+    def spy(self, machine: str, connect: str) -> zenoh.Session:
+        """A session of Zenoh with the certificate of a machine, which obeys no rule."""
         config = zenoh.Config.from_json5(
             json.dumps(
                 {
@@ -221,11 +225,31 @@ class Machines:
                     "connect": {"endpoints": [f"tls/{connect}"]},
                     "listen": {"endpoints": []},
                     "scouting": {"multicast": {"enabled": False}},
-                    "transport": {"link": {"tls": tls}},
+                    "transport": {"link": {"tls": self.tls(machine)}},
                 }
             )
         )
         return zenoh.open(config)
+
+    def stand_still(self, machine: str, seconds: float) -> None:
+        """Stops the agent of a machine for a while."""
+        agent = self.agents[machine]
+        os.kill(agent.pid, signal.SIGSTOP)
+        threading.Event().wait(seconds)
+        os.kill(agent.pid, signal.SIGCONT)
+
+    def cut_until_ended(self, process: subprocess.Popen[str], seed: int) -> int:
+        """Cuts connections again and again until a process has ended. Returns how often."""
+        assert self.proxy is not None
+        stop, proxy, cuts = threading.Event(), self.proxy, list[int]()
+        cutter = threading.Thread(target=lambda: cuts.append(proxy.cut_at_random(seed, stop)))
+        cutter.start()
+        try:
+            process.wait(90)
+        finally:
+            stop.set()
+            cutter.join()
+        return cuts[0]
 
     def wait_for(self, machine: str, expected: list[str]) -> None:
         """Waits until an agent knows of these machines, its own first."""

@@ -10,7 +10,6 @@ import shutil
 import signal
 import socket
 import subprocess
-import threading
 import time
 from pathlib import Path
 
@@ -78,10 +77,7 @@ def test_an_agent_that_stands_still_loses_nothing(
     options = ["--property", f"coordination={coordination}"]
     rti, federates = machines.federation(LONG, PLACES, *options)
     read = running(federates[0])
-    agent = machines.agents["robot2"]
-    os.kill(agent.pid, signal.SIGSTOP)
-    threading.Event().wait(seconds)
-    os.kill(agent.pid, signal.SIGCONT)
+    machines.stand_still("robot2", seconds)
     check(machines, LONG, coordination, rti, federates, read)
 
 
@@ -91,22 +87,12 @@ def test_connections_that_are_cut_again_and_again_lose_nothing(
     machines: Machines, coordination: str, seed: int
 ) -> None:
     machines.start_agents(through=True)
-    assert machines.proxy is not None
     options = ["--property", f"coordination={coordination}"]
     rti, federates = machines.federation(LONG, PLACES, *options)
     read = running(federates[0])
-    stop = threading.Event()
-    cuts: list[int] = []
-    proxy = machines.proxy
-    cutter = threading.Thread(target=lambda: cuts.append(proxy.cut_at_random(seed, stop)))
-    cutter.start()
-    try:
-        rti.wait(90)
-    finally:
-        stop.set()
-        cutter.join()
+    cuts = machines.cut_until_ended(rti, seed)
     check(machines, LONG, coordination, rti, federates, read)
-    assert cuts[0] > 0
+    assert cuts > 0
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)

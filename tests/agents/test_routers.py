@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -21,14 +20,6 @@ SUBNETS = [["robot1"], ["robot2"]]
 #: By when all know that a router is gone, as `TOLD` of relayed links; and for processes to end.
 TOLD = 24.0
 MOMENT = 8.0
-
-
-@pytest.fixture
-def fleet(tmp_path: Path) -> Iterator[Fleet]:
-    """Machines without agents as yet."""
-    fleet = Fleet(tmp_path)
-    yield fleet
-    fleet.close()
 
 
 def start(fleet: Fleet, kind: str = "enrolled", *options: str) -> None:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -139,7 +137,6 @@ def test_what_has_come_is_sent_on_to_federates_of_the_same_machine(
     machines: Machines, coordination: str
 ) -> None:
     machines.start_agents()
-    program = PROGRAM.replace("(source.out)+ -> sink.inp", "source.out -> sink[0].inp")
     program = PROGRAM.replace(
         "reactor Sink(bank_index = 0) {",
         """\
@@ -212,10 +209,7 @@ def test_an_agent_that_stands_still_delays_values_and_loses_none(
     options = ["--property", f"coordination={coordination}"]
     rti, federates = machines.federation(LONG, PLACES, *options)
     read = running(federates[0])
-    agent = machines.agents["robot2"]
-    os.kill(agent.pid, signal.SIGSTOP)
-    threading.Event().wait(4)
-    os.kill(agent.pid, signal.SIGCONT)
+    machines.stand_still("robot2", 4)
     check(machines, rti, federates, LONG, read)
 
 
@@ -225,19 +219,10 @@ def test_connections_that_are_cut_lose_no_values(
     machines: Machines, coordination: str, seed: int
 ) -> None:
     machines.start_agents(through=True)
-    assert machines.proxy is not None
     options = ["--property", f"coordination={coordination}"]
     rti, federates = machines.federation(LONG, PLACES, *options)
     read = running(federates[0])
-    stop = threading.Event()
-    proxy = machines.proxy
-    cutter = threading.Thread(target=lambda: proxy.cut_at_random(seed, stop))
-    cutter.start()
-    try:
-        rti.wait(90)
-    finally:
-        stop.set()
-        cutter.join()
+    machines.cut_until_ended(rti, seed)
     check(machines, rti, federates, LONG, read)
 
 
@@ -293,14 +278,6 @@ def segments(pid: int) -> list[str]:
     mapped = Path(f"/proc/{pid}/maps").read_text().splitlines()
     links = [os.readlink(fd) for fd in Path(f"/proc/{pid}/fd").iterdir() if fd.is_symlink()]
     return [line for line in [*mapped, *links] if "memfd:hprm" in line]
-
-
-@pytest.fixture
-def fleet(tmp_path: Path) -> Iterator[Fleet]:
-    """Machines without agents as yet."""
-    fleet = Fleet(tmp_path)
-    yield fleet
-    fleet.close()
 
 
 def start(fleet: Fleet) -> None:

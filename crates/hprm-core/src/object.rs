@@ -34,6 +34,14 @@ pub struct Shipment {
     pub len: u64,
 }
 
+impl Shipment {
+    /// What tells it from all others.
+    #[must_use]
+    pub fn key(self) -> (u64, u64) {
+        (self.stream, self.number)
+    }
+}
+
 /// One buffer of a payload.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub enum Part {

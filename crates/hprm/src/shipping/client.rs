@@ -295,11 +295,11 @@ impl Shipping {
                 segments.iter().for_each(|segment| store.detach(SERVICE, *segment));
             }
             Told::Arrived { shipment, object, uses } => {
-                self.arrived.insert((shipment.stream, shipment.number), (object, uses));
+                self.arrived.insert(shipment.key(), (object, uses));
             }
             Told::Refused { why } => self.refused = Some(why),
             Told::Lost { shipment, why } => {
-                self.lost.insert((shipment.stream, shipment.number), why);
+                self.lost.insert(shipment.key(), why);
             }
         }
     }
@@ -314,12 +314,11 @@ impl Shipping {
         payload: &mut Payload,
         store: &mut Store,
     ) -> Result<bool, String> {
-        let key = |it: Shipment| (it.stream, it.number);
         for shipment in payload.shipments() {
-            if let Some(why) = self.lost.get(&key(shipment)) {
+            if let Some(why) = self.lost.get(&shipment.key()) {
                 return Err(why.clone());
             }
-            match self.arrived.get(&key(shipment)) {
+            match self.arrived.get(&shipment.key()) {
                 None => return Ok(false),
                 Some((object, _)) if object.len == shipment.len => {}
                 Some((object, _)) => {
@@ -332,11 +331,11 @@ impl Shipping {
         }
         for part in &mut payload.parts {
             let Part::Shipped(shipment) = *part else { continue };
-            if let Some((object, uses)) = self.arrived.get_mut(&key(shipment)) {
+            if let Some((object, uses)) = self.arrived.get_mut(&shipment.key()) {
                 *part = Part::Object(*object);
                 *uses -= 1;
                 if *uses == 0 {
-                    self.arrived.remove(&key(shipment));
+                    self.arrived.remove(&shipment.key());
                 }
             }
             self.drop_before(shipment, store);
@@ -366,7 +365,7 @@ impl Shipping {
     /// A message waits for its shipments, which come from that machine; perhaps its link has ended since.
     pub(crate) fn expect(&mut self, shipments: &[Shipment], from: &str, link_ended: bool) {
         for &shipment in shipments {
-            if !self.arrived.contains_key(&(shipment.stream, shipment.number)) {
+            if !self.arrived.contains_key(&shipment.key()) {
                 self.ask(&Ask::Expect { shipment, from: from.to_owned(), link_ended }, None);
             }
         }

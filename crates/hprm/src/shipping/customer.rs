@@ -91,7 +91,7 @@ impl Customer {
         if !retired.is_empty() {
             self.tell(&Told::Retired { segments: retired }, None)?;
         }
-        self.expects.remove(&(shipment.stream, shipment.number));
+        self.expects.remove(&shipment.key());
         self.tell(&Told::Arrived { shipment, object: object.object_ref(), uses }, None)
     }
 
@@ -103,7 +103,7 @@ impl Customer {
         now: PhysicalTime,
     ) {
         let expected = Expected { shipment, from, since: now, link_ended };
-        self.expects.insert((shipment.stream, shipment.number), expected);
+        self.expects.insert(shipment.key(), expected);
     }
 
     /// There is no link from a machine any more. The next one brings what is missing, if that machine is there.
@@ -140,7 +140,7 @@ impl Customer {
 
     /// A shipment will not come.
     pub(super) fn lose(&mut self, shipment: Shipment, why: &str) {
-        self.expects.remove(&(shipment.stream, shipment.number));
+        self.expects.remove(&shipment.key());
         // A federate for which too much waits is noticed when it is settled.
         let _ = self.tell(&Told::Lost { shipment, why: why.to_owned() }, None);
     }

@@ -64,7 +64,7 @@ impl Depot {
 
     /// Whether a shipment has been delivered already.
     pub(super) fn remembers(&self, shipment: Shipment) -> bool {
-        self.remembered.contains(&(shipment.stream, shipment.number))
+        self.remembered.contains(&shipment.key())
     }
 
     /// Memory for a shipment.
@@ -106,7 +106,7 @@ impl Depot {
     }
 
     fn remember(&mut self, shipment: Shipment) {
-        self.remembered.push_back((shipment.stream, shipment.number));
+        self.remembered.push_back(shipment.key());
         if self.remembered.len() > REMEMBERED {
             self.remembered.pop_front();
         }

@@ -18,33 +18,29 @@ struct Way {
     left: usize,
 }
 
-fn key(shipment: Shipment) -> (u64, u64) {
-    (shipment.stream, shipment.number)
-}
-
 impl Led {
     /// A shipment has come over a link; if it is new, it is led to so many machines. Returns whether its receipt has to
     /// wait.
     pub(super) fn came(&mut self, shipment: Shipment, link: u64, machines: usize) -> bool {
-        if let Some(way) = self.0.get_mut(&key(shipment)) {
+        if let Some(way) = self.0.get_mut(&shipment.key()) {
             // The link on which it came before has ended.
             way.link = link;
             return true;
         }
         if machines > 0 {
-            self.0.insert(key(shipment), Way { link, left: machines });
+            self.0.insert(shipment.key(), Way { link, left: machines });
         }
         machines > 0
     }
 
     /// One of these machines has it, or never will. If it was the last one, returns the link on which the receipt leaves.
     pub(super) fn done(&mut self, shipment: Shipment) -> Option<u64> {
-        let way = self.0.get_mut(&key(shipment))?;
+        let way = self.0.get_mut(&shipment.key())?;
         way.left -= 1;
         if way.left > 0 {
             return None;
         }
-        self.0.remove(&key(shipment)).map(|way| way.link)
+        self.0.remove(&shipment.key()).map(|way| way.link)
     }
 }
 

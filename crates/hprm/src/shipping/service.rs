@@ -503,19 +503,21 @@ impl ShippingService {
     /// A shipment is here, and perhaps goes on.
     fn arrived(&mut self, label: &Label, loan: WritableLoan) {
         let Some(object) = self.deliver(label, loan, &self.receivers_here(label)) else { return };
-        for (machine, receivers) in self.elsewhere(label) {
-            let to = vec![(machine.clone(), receivers)];
-            self.send_to(machine, &Label { to, ..label.clone() }, Some(object.clone()));
-        }
+        self.lead_on(label, Some(&object));
     }
 
     /// The same if it will not come.
     fn lost(&mut self, label: Label) {
         let why = label.lost.clone().unwrap_or_default();
         self.lose(&label, &self.receivers_here(&label), &why);
-        for (machine, receivers) in self.elsewhere(&label) {
+        self.lead_on(&label, None);
+    }
+
+    /// Sends a shipment on to the other machines on its label, or tells them that it is lost.
+    fn lead_on(&mut self, label: &Label, object: Option<&Object>) {
+        for (machine, receivers) in self.elsewhere(label) {
             let to = vec![(machine.clone(), receivers)];
-            self.send_to(machine, &Label { to, ..label.clone() }, None);
+            self.send_to(machine, &Label { to, ..label.clone() }, object.cloned());
         }
     }
 
