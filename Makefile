@@ -14,6 +14,11 @@ export PYO3_PYTHON := $(shell $(PY) -c 'import os, sys; print(os.path.realpath(s
 # Tests start thousands of interpreters. Each would compile the package anew where nothing of that may be kept.
 unexport PYTHONDONTWRITEBYTECODE
 
+# What has no build for an interpreter without a global lock is not installed there; tests that need it are skipped.
+ifneq ($(shell $(PY) -c 'import sysconfig; print(sysconfig.get_config_var("Py_GIL_DISABLED") or "")' 2>/dev/null | grep 1),)
+export UV_EXCLUDE := requirements-not-free-threaded.txt
+endif
+
 # How many tests in Python run at a time: they wait more than they compute.
 WORKERS ?= 4
 
@@ -29,7 +34,7 @@ TESTED := --workspace --features hprm-cli/whole
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: lint-other help build wheel try-wheel deny hooks demo drive docs docs-rust test check acceptance check-model sim-nightly conformance conformance-ros2 agent test-agent test-fleet bench bench-quick evaluation bench-ordering bench-ros2 bench-growth bench-watching bench-ros2-order bench-rust bench-rust-federations bench-python bench-in-process mutants bench-frames bench-grants bench-fleet bench-agents fmt lint clean toolchain
+.PHONY: lint-other help build wheel try-wheel deny hooks demo drive docs docs-rust test check acceptance check-model sim-nightly conformance conformance-ros2 agent test-agent test-fleet bench bench-quick evaluation bench-ordering bench-ros2 bench-growth bench-watching bench-ros2-order bench-rust bench-rust-federations bench-python bench-in-process bench-in-parallel mutants bench-frames bench-grants bench-fleet bench-agents fmt lint clean toolchain
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' Makefile
@@ -166,6 +171,9 @@ bench-python: build $(VENV)/.requirements ## measure the scheduler with Python b
 
 bench-in-process: build $(VENV)/.requirements ## compare federates as threads with federates as processes
 	@$(BIN)/python bench/in_process.py
+
+bench-in-parallel: build $(VENV)/.requirements ## measure what runs in parallel when Python is the work: workers, threads, processes
+	@$(BIN)/python bench/in_parallel.py
 
 bench-frames: toolchain ## count the frames between federates and the RTI
 	cargo bench --quiet -p hprm-sim --bench frames

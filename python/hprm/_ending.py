@@ -121,7 +121,8 @@ def _wait_for_threads(code: int, patience: float | None) -> None:
         threading.Thread(target=_watch, args=arguments, name="hprm", daemon=True).start()
     try:
         # What the interpreter calls: executors are told, and end what they have been given.
-        threading._shutdown()  # type: ignore[attr-defined]
+        with _stopped_while_joining():
+            threading._shutdown()  # type: ignore[attr-defined]
     except AssertionError:
         # A forked copy of a thread that Python has not started; executors have been told.
         for thread in threading.enumerate():
@@ -131,6 +132,27 @@ def _wait_for_threads(code: int, patience: float | None) -> None:
         traceback.print_exc()
     finally:
         done.set()
+
+
+@contextlib.contextmanager
+def _stopped_while_joining() -> Iterator[None]:
+    """Raise what a signal raises while threads are joined: Python 3.13 and newer only report it."""
+    reported = sys.unraisablehook
+    stopped: list[_Stopped] = []
+
+    def report(unraisable: sys.UnraisableHookArgs) -> None:
+        if isinstance(unraisable.exc_value, _Stopped):
+            stopped.append(unraisable.exc_value)
+        else:
+            reported(unraisable)
+
+    sys.unraisablehook = report
+    try:
+        yield
+    finally:
+        sys.unraisablehook = reported
+    if stopped:
+        raise stopped[0]
 
 
 def _waited_for() -> list[str]:

@@ -125,13 +125,14 @@ def _raised(error: BaseException, what: str, place: str, is_bound: bool) -> Desc
     reason = _text(error).strip().partition("\n")[0].rstrip()
     file, line = _place(trace, place, is_bound)
     text = "".join(trace.format()).rstrip()
+    short = text.removeprefix(f"{type(error).__module__}.")
     return Description(
         "raised",
         message=f"{what} raised {name}" + (f": {reason}" if reason else ""),
         file=file,
         line=line,
         # Without a frame, it is often only what the message has said.
-        details=None if text in (name, f"{name}: {reason}") else text,
+        details=None if short in (name, f"{name}: {reason}") else text,
         hint=_hint(error, text),
     )
 

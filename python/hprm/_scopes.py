@@ -24,7 +24,7 @@ def of_function(arguments: list[str], code: Code) -> Names:
     """Find the names of a body or a method."""
     text = code.text.replace("\n", "\n ")
     wrapped = f"def body({', '.join(['self', *arguments])}):\n {text}\n pass"
-    table = symtable.symtable(wrapped, code.path, "exec").get_children()[0]
+    table = _wrapper(wrapped, code.path)
     symbols = [symbol for symbol in table.get_symbols() if symbol.is_local()]
     local = {symbol.get_name() for symbol in symbols if not symbol.is_parameter()}
     inner = {
@@ -52,7 +52,7 @@ def of_preamble(code: Code, *, in_class: bool) -> tuple[Names, set[str]]:
     """Find the names of a preamble, and those that it defines."""
     if in_class:
         text = "class body:\n " + code.text.replace("\n", "\n ") + "\n pass"
-        table = symtable.symtable(text, code.path, "exec").get_children()[0]
+        table = _wrapper(text, code.path)
     else:
         table = symtable.symtable(code.text, code.path, "exec")
     defined = {
@@ -61,6 +61,12 @@ def of_preamble(code: Code, *, in_class: bool) -> tuple[Names, set[str]]:
         if symbol.is_assigned() or symbol.is_imported() or symbol.is_namespace()
     }
     return _names(_all(table), set(), set()), defined
+
+
+def _wrapper(text: str, path: str) -> symtable.SymbolTable:
+    """Return the table of ``body``: since Python 3.14, one of its annotations is beside it."""
+    children = symtable.symtable(text, path, "exec").get_children()
+    return next(child for child in children if child.get_name() == "body")
 
 
 def _all(table: symtable.SymbolTable) -> Iterator[symtable.SymbolTable]:

@@ -3,6 +3,7 @@
 import contextlib
 import faulthandler
 import os
+import re
 import signal
 import sys
 import traceback
@@ -25,6 +26,13 @@ def stack(thread: int) -> str | None:
     if frame is None:
         return None
     frames = _of_body(list(traceback.extract_stack(frame)))
+    return printable("".join(traceback.format_list(frames[-_DEPTH:])))
+
+
+def with_code(lines: str) -> str:
+    """Return frames that ``faulthandler`` has written as a traceback shows them."""
+    found = re.findall(r'^  File "(.*)", line (\d+) in (.*)$', lines, re.MULTILINE)
+    frames = [traceback.FrameSummary(path, int(line), name) for path, line, name in found]
     return printable("".join(traceback.format_list(frames[-_DEPTH:])))
 
 

@@ -1,7 +1,8 @@
 """What a script shows of an error in its program that it does not handle.
 
 A mistake in a program is shown with its line, as the command ``hprm`` does; the way there leads
-through this library and helps no reader. All other exceptions are shown as Python shows them.
+through this library and helps no reader. A program that Ctrl-C has stopped ends its script with
+the exit code of that. All other exceptions are shown as Python shows them.
 """
 
 import sys
@@ -16,11 +17,15 @@ def show_mistakes() -> None:
 
 def _show(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
     from hprm import _hprm
-    from hprm._mistakes import ProgramError
+    from hprm._mistakes import ProgramError, ProgramInterrupted
 
     if isinstance(error, ProgramError) and error.location is not None:
         _hprm.tell_mistake(error)
     elif isinstance(error, ProgramError) and error.more is not None:
         print(f"{error.message}\n\n{error.more}", file=sys.stderr)
+    elif isinstance(error, ProgramInterrupted):
+        # It is a `SystemExit`, too. Python 3.14 and newer would take it for a `KeyboardInterrupt`
+        # alone, print it, and end the process by a signal.
+        raise SystemExit(error.code)
     else:
         sys.__excepthook__(kind, error, trace)

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 # `moved` and `copied` say of a scenario what is expected.
 COMMON = """
-import asyncio, copy, threading, weakref
+import asyncio, copy, sysconfig, threading, weakref
 import numpy as np
 import hprm
+
+FREE_THREADED = bool(sysconfig.get_config_var("Py_GIL_DISABLED"))
 
 N = 50_000
 keep = []

@@ -62,6 +62,12 @@ END = """
 """
 
 
+@pytest.fixture(autouse=True)
+def forks_without_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python 3.12 and newer warn about a fork of any process with threads."""
+    monkeypatch.setenv("PYTHONWARNINGS", "ignore:This process:DeprecationWarning")
+
+
 @pytest.mark.parametrize("coordination", COORDINATIONS)
 @pytest.mark.parametrize("forking", ["saver", "camera"])
 def test_a_forked_process_keeps_the_array_that_it_has(

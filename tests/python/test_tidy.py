@@ -29,6 +29,7 @@ UNSAFE_ROOMS = {
     "crates/hprm-python/src/numpy_memory/abi.rs",
     "crates/hprm-python/src/numpy_memory/handler.rs",
     "crates/hprm-python/src/numpy_memory/publish.rs",
+    "crates/hprm-python/src/numpy_memory/references.rs",
 }
 
 # Where the words of the glossary are used and retired ones are gone; in the end, everywhere.

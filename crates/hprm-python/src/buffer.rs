@@ -18,6 +18,8 @@ use pyo3::ffi;
 use pyo3::prelude::*;
 use pyo3::types::PyMemoryView;
 
+use crate::numpy_memory::count;
+
 /// A buffer of a payload that has arrived.
 #[derive(Clone, Debug)]
 pub(crate) enum ReceivedPart {
@@ -284,9 +286,7 @@ impl Staging {
         write(staging.as_any())?;
         // Code with a pointer to the memory has a reference to this object: a view by the rules
         // of the protocol, an array because it keeps the object as its base.
-        // SAFETY: `staging` is a live object, and we are attached to the interpreter.
-        let references = unsafe { ffi::Py_REFCNT(staging.as_ptr()) };
-        if references != 1 {
+        if count(&staging) != 1 {
             return Err(PyRuntimeError::new_err("the memory of a message is still being written"));
         }
         let draft = staging.get().0.lock().unwrap_or_else(PoisonError::into_inner).take();

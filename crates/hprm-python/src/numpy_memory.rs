@@ -18,6 +18,7 @@
 mod abi;
 mod handler;
 mod publish;
+mod references;
 
 use std::sync::{Arc, OnceLock};
 
@@ -27,9 +28,9 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyTuple};
 
-pub(crate) use self::abi::{count, counts_tell};
 use self::handler::{StoreHandler, made_to_be_sent};
 pub(crate) use self::publish::{freeze, publish};
+pub(crate) use self::references::count;
 
 static ALLOCATOR: OnceLock<Arc<StoreAllocator>> = OnceLock::new();
 /// `sys.modules`.

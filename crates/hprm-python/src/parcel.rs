@@ -19,7 +19,7 @@ use pyo3::types::{
 
 use crate::buffer::ReceivedPart;
 use crate::codec::{self, Codec};
-use crate::numpy_memory::{count, counts_tell};
+use crate::numpy_memory::count;
 use crate::serialize::{self, Place, Sole, Trust};
 
 /// Containers within containers beyond this are left to pickle.
@@ -213,9 +213,6 @@ impl<'py> Copying<'py> {
 /// Whether there are no other references to the arrays of which this one is a view. Code that has such a
 /// reference may have another view, or make one.
 fn has_its_memory_alone(array: &Bound<'_, PyAny>) -> PyResult<bool> {
-    if !counts_tell(array.py())? {
-        return Ok(false);
-    }
     let base = intern!(array.py(), "base");
     let mut viewed = array.getattr_opt(base)?;
     while let Some(array) = viewed.filter(|viewed| !viewed.is_none()) {

@@ -4,7 +4,7 @@
 //! does not need the interpreter's lock. To show the stack of a reaction, a second thread asks for that lock.
 //! If the reaction's thread never releases the lock, because it executes code that is not Python's, the
 //! monitor sends it a signal, at which `faulthandler` writes the stack. Its thread stands still meanwhile, so
-//! no lock is needed. [`StallWatch`] decides which reactions are reported, and when.
+//! no lock is needed. An interpreter without a lock gets that signal at once. [`StallWatch`] decides which reactions are reported, and when.
 
 use std::fs;
 use std::mem;
@@ -313,22 +313,22 @@ fn title(stall: &Stall, sampled: &SampledRun, watched: &Watched, runtime: &Runti
 
 /// Writes a report, with the stack if it can be obtained.
 fn report(due: &StallReport) {
-    let (sender, answer) = channel();
     let thread = due.thread;
-    let asker = thread::Builder::new().name("stack".to_owned()).spawn(move || {
-        Python::attach(|py| {
-            // The receiver is gone if the lock took too long.
-            if sender.send(None).is_ok() {
-                let _ = sender.send(Some(stack(py, thread).unwrap_or_default()));
-            }
-        });
-    });
-    let attached = asker.ok().and_then(|_| answer.recv_timeout(LOCK_TIMEOUT).ok());
-    let is_attached = attached.is_some();
-    match attached.and_then(|_| answer.recv_timeout(STACK_TIMEOUT).ok()) {
-        Some(stack) => show(due, &stack.unwrap_or_default()),
-        None if is_attached => show(due, ""),
-        None => {
+    if let Some(dump) = due.dump.filter(|_| cfg!(Py_GIL_DISABLED)) {
+        // Without a global lock, the interpreter tells the frames of another thread only once all threads stand still, those
+        // in code that is not Python's, too.
+        let frames = dumped(dump, thread).unwrap_or_default();
+        let lines = frames.clone();
+        let stack = match ask(move |py| with_code(py, &lines)) {
+            Asked::Told(stack) => stack,
+            Asked::Busy | Asked::Silent => frames,
+        };
+        return show(due, &stack);
+    }
+    match ask(move |py| stack(py, thread)) {
+        Asked::Told(stack) => show(due, &stack),
+        Asked::Silent => show(due, ""),
+        Asked::Busy => {
             let native =
                 "  it holds the interpreter inside of code that is not Python's, called in:";
             let frames = due.dump.and_then(|dump| dumped(dump, thread)).unwrap_or_default();
@@ -337,6 +337,35 @@ fn report(due: &StallReport) {
                 false => show(due, &format!("{native}\n{frames}")),
             }
         }
+    }
+}
+
+/// What comes of a question to the interpreter.
+enum Asked {
+    /// Another thread holds its lock.
+    Busy,
+    /// There is no answer in time.
+    Silent,
+    Told(String),
+}
+
+/// Asks on a thread of its own, which may never get an answer.
+fn ask(question: impl FnOnce(Python<'_>) -> Option<String> + Send + 'static) -> Asked {
+    let (sender, answer) = channel();
+    let asker = thread::Builder::new().name("stack".to_owned()).spawn(move || {
+        Python::attach(|py| {
+            // The receiver is gone if the lock took too long.
+            if sender.send(None).is_ok() {
+                let _ = sender.send(Some(question(py).unwrap_or_default()));
+            }
+        });
+    });
+    match asker.ok().and_then(|_| answer.recv_timeout(LOCK_TIMEOUT).ok()) {
+        None => Asked::Busy,
+        Some(_) => match answer.recv_timeout(STACK_TIMEOUT).ok().flatten() {
+            Some(text) => Asked::Told(text),
+            None => Asked::Silent,
+        },
     }
 }
 
@@ -351,6 +380,12 @@ fn show(due: &StallReport, stack: &str) {
 fn stack(py: Python<'_>, thread: u64) -> Option<String> {
     let stalls = py.import("hprm._stalls").ok()?;
     stalls.call_method1("stack", (thread,)).ok()?.extract().ok()?
+}
+
+/// Lines that `faulthandler` has written as a traceback shows them, with the code.
+fn with_code(py: Python<'_>, lines: &str) -> Option<String> {
+    let stalls = py.import("hprm._stalls").ok()?;
+    stalls.call_method1("with_code", (lines,)).ok()?.extract().ok()
 }
 
 /// Has `faulthandler` write the stack of a thread that gets `SIGSTKFLT`, a signal that nothing else uses.

@@ -74,9 +74,6 @@ pub(super) type GetHandler = unsafe extern "C" fn() -> *mut ffi::PyObject;
 pub(super) fn fields_are_known(py: Python<'_>) -> bool {
     static KNOWN: PyOnceLock<bool> = PyOnceLock::new();
     let find = || {
-        if !counts_tell(py)? {
-            return Ok(false);
-        }
         let table = table(py)?;
         // SAFETY: this is NumPy's table.
         if !unsafe { is_known(table) } {
@@ -138,19 +135,6 @@ pub(super) fn has_known_fields(
         && it.base.is_null()
         && it.weak_references.is_null()
         && it.flags & (OWNS_DATA | WRITEABLE) == OWNS_DATA | WRITEABLE)
-}
-
-/// Whether reference counts tell if an object has other users: in an interpreter without a global lock they
-/// do not.
-pub(crate) fn counts_tell(py: Python<'_>) -> PyResult<bool> {
-    let flags = py.import(intern!(py, "sys"))?.getattr(intern!(py, "abiflags"))?;
-    Ok(!flags.extract::<String>()?.contains('t'))
-}
-
-/// How many references there are to an object.
-pub(crate) fn count<T>(object: &Bound<'_, T>) -> isize {
-    // SAFETY: the object is alive, and we are attached to the interpreter.
-    unsafe { ffi::Py_REFCNT(object.as_ptr()) }
 }
 
 /// An entry of NumPy's table.

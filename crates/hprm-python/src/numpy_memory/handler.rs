@@ -15,8 +15,8 @@ use pyo3::intern;
 use pyo3::prelude::*;
 
 use super::abi::{
-    Allocator, CAPSULE, DEFAULT_HANDLER, GET_HANDLER, GetHandler, Handler, SET_HANDLER,
-    counts_tell, entry, has_known_fields, is_known, release_reference, table,
+    Allocator, CAPSULE, DEFAULT_HANDLER, GET_HANDLER, GetHandler, Handler, SET_HANDLER, entry,
+    has_known_fields, is_known, release_reference, table,
 };
 
 thread_local! {
@@ -58,9 +58,6 @@ impl StoreHandler {
         py: Python<'_>,
         store: &Arc<StoreAllocator>,
     ) -> PyResult<Option<&'static Self>> {
-        if !counts_tell(py)? {
-            return Ok(None);
-        }
         // SAFETY: this is the table of NumPy's functions; the entries have had these numbers and types
         // since they exist, and those of handlers exist if the versions are what is asked for.
         let handler = unsafe { Self::from_table(table(py)?, store)? };

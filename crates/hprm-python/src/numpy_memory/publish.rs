@@ -13,11 +13,13 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::ffi;
 use pyo3::intern;
 use pyo3::prelude::*;
+use pyo3::sync::critical_section::with_critical_section;
 
 use super::abi::{
-    CONTIGUOUS, Fields, OWNS_DATA, TRACE_DOMAIN, WRITE_BACK, WRITEABLE, count, fields_are_known,
+    CONTIGUOUS, Fields, OWNS_DATA, TRACE_DOMAIN, WRITE_BACK, WRITEABLE, fields_are_known,
 };
 use super::made_handler;
+use super::references::count;
 use crate::buffer::{Frozen, Memory, ReceivedPart};
 
 unsafe extern "C" {
@@ -39,16 +41,19 @@ pub(crate) fn publish(
 ) -> PyResult<Option<Object>> {
     let py = array.py();
     let Some(handler) = made_handler(py) else { return Ok(None) };
+    if count(array) != references {
+        return Ok(None);
+    }
     let fields = array.as_ptr().cast::<Fields>();
     // SAFETY: there is a handler, so NumPy's arrays have these fields; the caller passes an array, and no
-    // thread changes it meanwhile, because this one is attached and calls no Python until the last use.
+    // other thread has it: all references are ours, and we call no Python until the last use.
     let it = unsafe { &mut *fields };
     let whole = it.handler == handler.capsule
         && it.flags & (OWNS_DATA | WRITE_BACK) == OWNS_DATA
         && it.flags & CONTIGUOUS != 0
         && it.base.is_null()
         && it.weak_references.is_null();
-    if !whole || count(array) != references {
+    if !whole {
         return Ok(None);
     }
     let address = it.data as usize;
@@ -93,8 +98,19 @@ pub(crate) fn freeze<'py>(array: &Bound<'py, PyAny>) -> PyResult<Option<Bound<'p
     // A view that becomes the owner, and that only `Frozen` refers to: NumPy allows to make the owner of
     // memory writeable at any time.
     let keeper = array.call_method0(intern!(py, "view"))?;
+    // Two federates may send the same array of a module, which is one for the process.
+    with_critical_section(array, || hand_over(array, &keeper, len))
+}
+
+/// Makes `keeper`, a view of `array`, the owner of its memory.
+fn hand_over<'py>(
+    array: &Bound<'py, PyAny>,
+    keeper: &Bound<'py, PyAny>,
+    len: usize,
+) -> PyResult<Option<Bound<'py, Frozen>>> {
+    let py = array.py();
     // SAFETY: the fields are known; both are arrays, and no thread changes them meanwhile, because this
-    // one is attached and calls no Python until the last use.
+    // one is attached, has the array's lock, and calls no Python until the last use.
     let it = unsafe { &mut *array.as_ptr().cast::<Fields>() };
     // SAFETY: as above, and it is another array.
     let its = unsafe { &mut *keeper.as_ptr().cast::<Fields>() };

@@ -92,8 +92,17 @@ impl Kinds {
         if slots.is_none() {
             return Ok(None);
         }
-        let weak: usize = self.weak_references.bind(py).call1((value,))?.extract()?;
-        Ok(if weak == 0 { Some(slots.cast_into::<PyTuple>()?) } else { None })
+        Ok(if self.is_weakly_referenced(value)? {
+            None
+        } else {
+            Some(slots.cast_into::<PyTuple>()?)
+        })
+    }
+
+    /// Whether there are weak references to `value`.
+    pub(super) fn is_weakly_referenced(&self, value: &Bound<'_, PyAny>) -> PyResult<bool> {
+        let count: usize = self.weak_references.bind(value.py()).call1((value,))?.extract()?;
+        Ok(count > 0)
     }
 
     /// Where the member at `index` is in a value, for people: `.field`, or nothing.

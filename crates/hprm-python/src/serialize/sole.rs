@@ -55,7 +55,10 @@ fn visit(
     }
     let mut below = |member: &Bound<'_, PyAny>| visit(numpy, member, (LOOKED_AT, depth + 1), sole);
     if numpy.is_array(value) {
-        sole.insert(value.as_ptr() as usize, references);
+        // With a global lock, no thread turns a weak reference into another one meanwhile.
+        if !cfg!(Py_GIL_DISABLED) || !Kinds::get(value.py())?.is_weakly_referenced(value)? {
+            sole.insert(value.as_ptr() as usize, references);
+        }
     } else if let Ok(list) = value.cast_exact::<PyList>() {
         list.iter().try_for_each(|member| below(&member))?;
     } else if let Ok(tuple) = value.cast_exact::<PyTuple>() {
