@@ -219,7 +219,8 @@ def test_a_connection_that_is_cut_now_and_then_leaves_a_whole_trace(machines: Ma
     launcher = run(machines, program, *TRACE, "--logical-trace", "logical", *AT)
     machines.cut_until_ended(launcher, 7)
     code, _, err = finish(launcher)
-    assert (code, err) == (0, "")
+    # It may well tell of federates that do not answer meanwhile.
+    assert (code, "warning: trace" in err) == (0, False), err
     lines = (machines.folder / "logical").read_text().splitlines()
     slices = reactions(read(machines.folder / "run.pftrace"))
     assert len(slices) == sum("reaction" in json.loads(line) for line in lines)

@@ -8,8 +8,10 @@
 //! starter: Started, Output ..., Recorded ..., Trace ..., Ended; meanwhile the stand-in: Signal ...
 //! ```
 //!
-//! Where the run is traced, the stand-in also asks for the `Clock` now and then, and the starter answers that, if nothing
-//! else is on its way at that moment. Instead of anything, the starter may say `Failed`, and end.
+//! Where the run is traced, the stand-in also asks for the `Clock`: some times before `Program`, and now and then while the
+//! federate runs. The starter answers that; in the latter case if nothing else is on its way at that moment.
+//!
+//! Instead of anything, the starter may say `Failed`, and end.
 
 use std::io::{self, Read, Write};
 

@@ -9,9 +9,9 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use hprm::Clock;
 use hprm::recorder::{Outbox, RemoteShare, SHARE_LIMIT, TraceRequest};
-use hprm_core::FederateId;
+use hprm::{Clock, nanoseconds};
+use hprm_core::{FederateId, PhysicalTime};
 
 use super::protocol::Told;
 use crate::message::{self, Error};
@@ -22,7 +22,8 @@ const PERIOD: Duration = Duration::from_millis(100);
 /// How many bytes are sent at once: messages of the federation wait for no more where the network is slow.
 const PIECE: usize = 16 << 10;
 
-/// How often clocks are compared, so many times at the beginning, and then once in that time.
+/// How often clocks are compared: so many times before the federate starts, when nothing else is on its way, and then once in
+/// that time.
 const ROUNDS: u32 = 8;
 const PAUSE: Duration = Duration::from_secs(1);
 
@@ -98,11 +99,10 @@ pub(super) struct Writing {
     federate: FederateId,
     name: String,
     machine: String,
-    /// Once the federate runs; none again if it cannot be written.
+    /// Once something is known; none again if it cannot be written.
     share: Option<RemoteShare>,
     /// When the other clock was asked for last, by the one here.
     asked: i64,
-    rounds: u32,
 }
 
 impl Writing {
@@ -111,7 +111,7 @@ impl Writing {
         let request = TraceRequest::of_this_process().filter(|request| request.is_share)?;
         let (federate, name) = (FederateId(federate.0), federate.1.to_owned());
         let machine = machine.to_owned();
-        Some(Self { request, federate, name, machine, share: None, asked: 0, rounds: ROUNDS })
+        Some(Self { request, federate, name, machine, share: None, asked: 0 })
     }
 
     /// How many records the federate is to keep for each thread at most.
@@ -119,13 +119,23 @@ impl Writing {
         self.request.capacity as u64
     }
 
-    /// The federate runs.
-    pub(super) fn begin(&mut self) {
+    /// Begins, and compares the clocks: `ask` asks for the time there, and returns it.
+    ///
+    /// # Errors
+    ///
+    /// As `ask` does.
+    pub(super) fn begin<E>(&mut self, mut ask: impl FnMut(i64) -> Result<i64, E>) -> Result<(), E> {
         let federate = (self.federate, &*self.name);
         match RemoteShare::create(&self.request, federate, &self.machine) {
             Ok(share) => self.share = Some(share),
             Err(error) => self.give_up(&error),
         }
+        for _ in 0..ROUNDS {
+            self.asked = Clock::local().0;
+            let shown = ask(self.asked)?;
+            self.answered(self.asked, shown);
+        }
+        Ok(())
     }
 
     /// More has come of what the federate records.
@@ -135,13 +145,11 @@ impl Writing {
 
     /// The time here, if it is time to ask for that there.
     pub(super) fn question(&mut self) -> Option<i64> {
-        let now = Clock::local().0;
-        let is_due = self.rounds > 0 || now.saturating_sub(self.asked) >= PAUSE.as_nanos() as i64;
-        (is_due && self.share.is_some()).then(|| {
-            self.rounds = self.rounds.saturating_sub(1);
-            self.asked = now;
-            now
-        })
+        let now = Clock::local();
+        let is_due = now.since(PhysicalTime(self.asked)) >= nanoseconds(PAUSE);
+        let question = is_due.then_some(now.0).filter(|_| self.share.is_some())?;
+        self.asked = question;
+        Some(question)
     }
 
     /// The clock there has shown something.

@@ -151,7 +151,8 @@ pub(crate) fn stand_in() -> Result<ExitCode, Error> {
     let federate = (errand.number, &*errand.manifest.federate);
     let mut writing = Writing::wanted(federate, &errand.machine);
     let followed = errand.follow(&stream, &forward, writing.as_mut());
-    writing.iter_mut().for_each(|writing| writing.end(followed.is_ok()));
+    let is_cut = matches!(followed, Err(Lost::Link(_)));
+    writing.iter_mut().for_each(|writing| writing.end(!is_cut));
     match followed {
         Ok(ended) => Ok(end(ended)),
         // The launcher tells that the federate has ended, and this is why.
@@ -212,7 +213,8 @@ fn prove(stream: &UnixStream, machine: &str, key: &Path) -> Result<(), Lost> {
     let keys = key::read(key)?;
     let key = &keys[0];
     let Told::Challenge { version: protocol::VERSION, nonce: theirs } = next(stream)? else {
-        return Err(told(format!("{machine} has another version of HPRM")));
+        let error = Error::new(format!("{machine} has another version of HPRM than this machine"));
+        return Err(Lost::Told(error.hint("install the same version on both")));
     };
     let mine = key::nonce()?;
     let occasion = Occasion { machine, nonces: [theirs, mine] };
@@ -232,6 +234,9 @@ impl Errand {
         forward: &Mutex<Forward>,
         mut writing: Option<&mut Writing>,
     ) -> Result<Ended, Lost> {
+        if let Some(writing) = &mut writing {
+            writing.begin(|asked| ask_for_time(stream, asked))?;
+        }
         let record = writing.as_ref().map(|writing| writing.capacity());
         let manifest = Manifest { record, ..self.manifest.clone() };
         protocol::write(stream, &Asked::Program(Box::new(manifest)))?;
@@ -242,7 +247,6 @@ impl Errand {
                 Told::Started => {
                     stream.set_read_timeout(None)?;
                     locked(forward).begin(stream.try_clone()?);
-                    writing.iter_mut().for_each(|writing| writing.begin());
                 }
                 Told::Recorded(bytes) => writing.iter_mut().for_each(|it| it.take(&bytes)),
                 Told::Clock { asked, shown } => {
@@ -318,6 +322,15 @@ impl Errand {
 
 fn told(text: String) -> Lost {
     Lost::Told(Error::new(text))
+}
+
+/// What the clock of the other machine shows, before anything is started there.
+fn ask_for_time(stream: &UnixStream, asked: i64) -> Result<i64, Lost> {
+    protocol::write(stream, &Asked::Clock(asked))?;
+    match next(stream)? {
+        Told::Clock { shown, .. } => Ok(shown),
+        _ => Err(told("the other machine does not tell the time".to_owned())),
+    }
 }
 
 /// What the starter says next.

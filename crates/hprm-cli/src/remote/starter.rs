@@ -76,12 +76,7 @@ fn serve(stream: &UnixStream, wanted: &Starter) -> Result<(), Error> {
             .hint("run it as another user; or, if programs of others may be root there, with --allow-root"));
     }
     let owner = admit(stream, wanted)?;
-    let manifest = match protocol::read(stream) {
-        Ok(Some(Asked::Program(manifest))) => manifest,
-        // A launcher only wanted to know whether it might.
-        Ok(None) => return Ok(()),
-        _ => return Err(Error::new("the stand-in does not say what is to be started")),
-    };
+    let Some(manifest) = wanted_program(stream)? else { return Ok(()) };
     if let Some(mistake) = cache::mistake(&manifest.main, &manifest.files) {
         return Err(Error::new(mistake));
     }
@@ -113,6 +108,23 @@ fn serve(stream: &UnixStream, wanted: &Starter) -> Result<(), Error> {
     // The stand-in may have ended.
     let _ = run.tell(&Told::Ended(ended));
     Ok(())
+}
+
+/// What the stand-in wants to have started; it may ask for the time before. Nothing, if the launcher only wanted to know
+/// whether it might.
+fn wanted_program(stream: &UnixStream) -> Result<Option<Box<Manifest>>, Error> {
+    let unsaid = || Error::new("the stand-in does not say what is to be started");
+    loop {
+        match protocol::read(stream) {
+            Ok(Some(Asked::Clock(asked))) => {
+                let told = Told::Clock { asked, shown: Clock::local().0 };
+                protocol::write(stream, &told).map_err(|_| unsaid())?;
+            }
+            Ok(Some(Asked::Program(manifest))) => return Ok(Some(manifest)),
+            Ok(None) => return Ok(None),
+            _ => return Err(unsaid()),
+        }
+    }
 }
 
 /// Has the stand-in prove that it may, and returns what the owner of its key is called.

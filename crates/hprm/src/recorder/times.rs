@@ -13,6 +13,7 @@ use hprm_core::{Nanos, PhysicalTime};
 
 use super::comparisons::Comparisons;
 use super::record::{Kind, Record};
+use crate::agent::ClockReading;
 
 /// A federate sets its clock.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -67,25 +68,34 @@ impl Times {
 
     /// By how much a clock that was set has gained on the RTI's since, as far as that is certain.
     fn drifted(&self, set: &ClockSet, time: PhysicalTime) -> Nanos {
-        let ahead =
-            |time: PhysicalTime| self.comparisons.at(time.plus(set.offset.saturating_neg()));
-        let (Some(then), Some(now)) = (ahead(set.at), ahead(time)) else { return 0 };
+        let now = self.comparisons.at(time.plus(set.offset.saturating_neg()));
+        let (Some(then), Some(now)) = (self.compared_at(set), now) else { return 0 };
         let gained = now.offset.saturating_sub(then.offset);
-        let bound = self.comparisons.worst_bound().unwrap_or_default().saturating_mul(2);
+        let uncertain = self.uncertain(then);
         match gained {
-            ..0 => gained.saturating_add(bound).min(0),
-            _ => gained.saturating_sub(bound).max(0),
+            ..0 => gained.saturating_add(uncertain).min(0),
+            _ => gained.saturating_sub(uncertain).max(0),
         }
+    }
+
+    /// How the clocks compared when one was set.
+    fn compared_at(&self, set: &ClockSet) -> Option<ClockReading> {
+        self.comparisons.at(set.at.plus(set.offset.saturating_neg()))
+    }
+
+    /// By how much a clock may have drifted that compared like this, without that it shows.
+    fn uncertain(&self, then: ClockReading) -> Nanos {
+        then.bound.saturating_add(self.comparisons.worst_bound().unwrap_or_default())
     }
 
     /// How far times can be from the launcher's, if that is known.
     pub(super) fn within(&self) -> Option<Nanos> {
-        let compared = self.comparisons.worst_bound();
-        match self.set {
-            None => compared,
+        match &self.set {
+            None => self.comparisons.worst_bound(),
             Some(set) if set.is_kept => Some(set.error),
             Some(set) => {
-                Some(set.error.saturating_add(compared.map_or(0, |it| it.saturating_mul(2))))
+                let uncertain = self.compared_at(set).map_or(0, |then| self.uncertain(then));
+                Some(set.error.saturating_add(uncertain))
             }
         }
     }
