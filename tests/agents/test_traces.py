@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import time
@@ -14,6 +15,7 @@ import pytest
 from machines import HPRM, PROGRAM, Machines, finish, free_ports, listens_at, until
 from perfetto.protos.perfetto.trace.perfetto_trace_pb2 import Trace
 from perfetto_trace import Slice, arrows, read
+from processes import rust_examples
 from test_programs import AT, COORDINATIONS, ENDLESS, belongs, left, nothing_is_left, run, start
 
 TRACE = ["--trace", "run.pftrace"]
@@ -126,6 +128,42 @@ def test_a_clock_that_is_set_at_the_start_is_that_of_the_launcher(
     # Nothing waits for the clock of before.
     begins = [it.begin for it in slices if it.category == "reaction" and it.process == "sink__0"]
     assert len(set(begins)) == len(begins)
+
+
+EXECUTABLE = """\
+target Python { timeout: 50 ms }
+@executable("bin/camera")
+reactor Camera {
+  output image
+  output number
+}
+reactor Detector {
+  input image
+  input number
+  reaction(image, number) {= assert image.value.shape == (480, 640) =}
+}
+federated reactor {
+  camera = new Camera()
+  detector = new Detector()
+  camera.image, camera.number -> detector.image, detector.number
+}
+"""
+
+
+def test_an_executable_on_another_machine_is_in_the_trace(machines: Machines) -> None:
+    start(machines)
+    (machines.folder / "bin").mkdir()
+    shutil.copy(rust_examples() / "camera", machines.folder / "bin")
+    at = ["--at", "camera=robot2", *AT[2:]]
+    code, _, err = finish(run(machines, EXECUTABLE, *TRACE, *at))
+    assert (code, err) == (0, "")
+    path = machines.folder / "run.pftrace"
+    slices = read(path)
+    assert "on robot2" in labels(path)["camera"]
+    assert {it.process for it in reactions(slices)} == {"camera", "detector"}
+    pairs = {(a.process, b.process) for a, b in arrows(slices) if a.category == "message"}
+    assert pairs == {("camera", "detector")}
+    nothing_is_left(machines)
 
 
 def traced(machines: Machines) -> subprocess.Popen[str]:
