@@ -197,13 +197,15 @@ def kill(machines: Machines, word: str, victim: str) -> None:
     os.kill(min(pids), signal.SIGKILL)
 
 
-@pytest.mark.parametrize("victim", ["federate", "agent", "stand-in", "starter"])
+@pytest.mark.parametrize("victim", ["federate", "agent", "agent here", "stand-in", "starter"])
 def test_what_was_recorded_before_a_process_was_killed_is_in_the_trace(
     machines: Machines, victim: str
 ) -> None:
     launcher = traced(machines)
     if victim == "agent":
         machines.agents["robot2"].kill()
+    elif victim == "agent here":
+        machines.agents["robot1"].kill()
     else:
         words = {"federate": "robot2", "stand-in": "stand-in", "starter": " starter "}
         kill(machines, words[victim], victim)
