@@ -93,7 +93,7 @@ class StandIn:
     def program(self, main: str, files: list[Listed]) -> None:
         """Says what is to be started."""
         manifest = text(main) + b"\0" + text("sink") + text("agent:robot1/rti") + text("0" * 32)
-        manifest += number(0) + number(0) + b"\0" + number(len(files))
+        manifest += number(0) + number(0) + b"\0\0" + number(len(files))
         self.say(PROGRAM, manifest + b"".join(file.written() for file in files))
 
     def why(self) -> str:

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import time
 from pathlib import Path
@@ -243,10 +244,6 @@ def test_what_is_only_done_here_is_told_of_federates_elsewhere(machines: Machine
     code, out, err = finish(run(machines, program, "--debug", "source", *AT[2:]))
     assert (code != 0, out, err.count("error: ")) == (True, "", 1), err
     assert "--debug: the federate source is to run on robot2, without a terminal" in err
-    code, out, err = finish(run(machines, PROGRAM, *AT, "--trace", "trace.pftrace"))
-    assert (code, err.count("warning: "), err.count("error: ")) == (0, 1, 0), err
-    assert "the trace misses federates on other machines: sink__0, sink__1\n" in err
-    assert (machines.folder / "trace.pftrace").stat().st_size > 0
 
 
 def test_only_those_with_a_key_start_programs(machines: Machines) -> None:
@@ -287,3 +284,35 @@ def test_an_agent_starts_programs_only_if_it_was_told(
     code, out, err = finish(run(machines, PROGRAM, *AT))
     assert (code, out, err.count("error: ")) == (1, "", 1)
     assert said in err, err
+
+
+def test_a_machine_with_another_version_is_one_error(machines: Machines) -> None:
+    known = [
+        {"name": name, "is_here": name == "robot1", "about": ABOUT, "clock": None}
+        for name in ("robot1", "robot2")
+    ]
+    challenge = bytes([0, 1]) + bytes(32)
+    answers = {
+        "machines": b"done robot1\n" + json.dumps(known).encode(),
+        "connect": b"done robot2\n" + len(challenge).to_bytes(4, "little") + challenge,
+    }
+    (machines.folder / "keys").touch(mode=0o600)
+    (machines.folder / "keys").write_text("0" * 31 + "1")
+    with socket.socket(socket.AF_UNIX) as agent:
+        agent.bind("\0" + machines.address("robot1"))
+        agent.listen()
+        launcher = run(machines, PROGRAM, *AT)
+        for _ in answers:
+            link, _ = agent.accept()
+            machines.sockets.append(link)
+            word = link.makefile().readline().split()[1]
+            link.sendall(answers[word])
+            if word == "machines":
+                link.close()
+        code, out, err = finish(launcher)
+    assert (code, out, err.count("error: ")) == (1, "", 1), err
+    assert "robot2 has another version of HPRM than this machine\n" in err
+    assert "hint: install the same version on both" in err
+
+
+ABOUT = {"version": "0", "addresses": [], "processors": 1, "memory": 1, "federations": []}

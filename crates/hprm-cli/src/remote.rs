@@ -12,7 +12,7 @@
 //!
 //! `places` says which federate belongs where, `program` which files it needs, `protocol` what both say to one another,
 //! `clocks` whether federates wait long enough for the clocks of their machines, `key` how each proves that it may, `cache`
-//! keeps files, `limits` bounds what a federate uses.
+//! keeps files, `limits` bounds what a federate uses, `recording` brings what it records for a trace.
 
 mod cache;
 mod clocks;
@@ -21,6 +21,7 @@ mod limits;
 mod places;
 mod program;
 mod protocol;
+mod recording;
 mod stand_in;
 mod starter;
 

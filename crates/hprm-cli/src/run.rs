@@ -64,7 +64,6 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
     let trace = arguments.tracing.request(compiled.trace_file());
     if let Some(places) = &places {
         places.refuse_terminal(&compiled.program, debugged)?;
-        trace.iter().for_each(|_| places.untraced(&compiled.program).show_as_warning());
     }
     check::show(&hosts::rti(&compiled), &compiled.sources);
     // That option says where all of them run.

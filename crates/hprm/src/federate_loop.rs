@@ -315,8 +315,9 @@ where
             match input {
                 input if self.federation.links.is_from_closed_link(serial, &input) => {}
                 Input::FromRti(frame @ Frame::ClockReply { .. }) => {
-                    if self.federation.time.answered(&frame) {
+                    if let Some(set) = self.federation.time.answered(&frame) {
                         self.now = Clock::now();
+                        self.note_clock_set(set);
                     }
                 }
                 input => {

@@ -8,36 +8,43 @@
 //! The loops record what they do: reactions, messages, frames of the coordination, waits. A record has a fixed size,
 //! and goes into memory that is there already; a ring that is full counts what it loses. The collector, a thread,
 //! empties the rings and hands the records to its readers. One of them writes the share of this process; the
-//! launcher makes one file of the shares. The logical trace is another thing: it has values, and no physical time.
+//! launcher makes one file of the shares. That of a federate on another machine is taken away there as it grows (`outbox`),
+//! and arrives here (`remote`); how it travels is up to the command. The logical trace is another thing: it has values, and no physical time.
 
 mod collector;
+mod comparisons;
 mod convert;
 mod lanes;
 mod names;
+mod outbox;
 mod perfetto;
 mod record;
+mod remote;
 mod request;
 mod ring;
 mod share;
 mod shares;
+mod times;
 mod user;
 
 use std::sync::Arc;
 
 use hprm_core::{
-    ActionId, Body, ChannelId, FederateId, Part, Payload, PhysicalTime, ReactionId, Scheduled, Tag,
+    ActionId, Body, ChannelId, FederateId, Nanos, Part, Payload, PhysicalTime, ReactionId,
+    Scheduled, Tag,
 };
 use hprm_federated::Frame;
 
 pub use collector::{Collected, Reader};
-pub use convert::{Lost, convert};
 pub use lanes::{DEFAULT_CAPACITY, Lanes};
 pub use names::{ChannelName, Member, Names};
+pub use outbox::Outbox;
 pub use perfetto::{
     Broken, DebugAnnotation, DebugAnnotationName, EventCategory, EventName, InternedData,
     ProcessDescriptor, ThreadDescriptor, TracePacket, TrackDescriptor, TrackEvent, packets,
 };
 pub use record::{Flags, FrameKind, Kind, Record, Wait, Words};
+pub use remote::{RemoteShare, SHARE_LIMIT};
 pub(crate) use request::LoopRecording;
 pub use request::{TRACE, TraceRequest, cut_recordings};
 pub use share::{Content, ShareReader};
@@ -131,6 +138,16 @@ impl Recorder {
             let record = Record::new(Kind::Waited, Flags::NONE, 0, tag).with_detail(what as u8);
             lanes.push_during(0, record.with_values(values), [since, now]);
         }
+    }
+
+    /// The clock is set, by an offset that may be wrong by `error`. What follows may have earlier times.
+    #[cold]
+    pub(crate) fn clock_set(&self, offset: Nanos, error: Nanos, is_kept: bool) {
+        let Some(lanes) = &self.0 else { return };
+        lanes.forget_time(0);
+        let record = Record::new(Kind::ClockSet, Flags::NONE, 0, Tag::NEVER);
+        let values = [offset, error].map(i64::cast_unsigned);
+        lanes.push(0, record.with_detail(is_kept.into()).with_values(values));
     }
 
     /// Tag zero is at this time.

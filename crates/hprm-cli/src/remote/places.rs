@@ -52,14 +52,6 @@ impl Places {
         Err(Error::option(what).hint(format!("--at {name}=localhost runs it here")))
     }
 
-    /// A warning that a trace misses federates: nothing of what others record comes back.
-    pub(crate) fn untraced(&self, program: &Program) -> Error {
-        let names: Vec<_> =
-            self.machines.keys().map(|it| program.federates[*it].name.as_str()).collect();
-        Error::new(format!("the trace misses federates on other machines: {}", names.join(", ")))
-            .hint("--logical-trace has what all of them do; --at FEDERATE=localhost runs one here")
-    }
-
     /// The file with the key.
     pub(crate) fn key(&self) -> &Path {
         &self.key

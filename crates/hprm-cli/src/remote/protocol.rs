@@ -5,8 +5,11 @@
 //! starter: Challenge    stand-in: Proof      both have the key
 //! starter: Proved       stand-in: Program
 //! starter: Missing      stand-in: Bytes ...  the files that are not in the cache, one after the other
-//! starter: Started, Output ..., Trace ..., Ended; meanwhile the stand-in: Signal ...
+//! starter: Started, Output ..., Recorded ..., Trace ..., Ended; meanwhile the stand-in: Signal ...
 //! ```
+//!
+//! Where the run is traced, the stand-in also asks for the `Clock`: some times before `Program`, and now and then while the
+//! federate runs. The starter answers that; in the latter case if nothing else is on its way at that moment.
 //!
 //! Instead of anything, the starter may say `Failed`, and end.
 
@@ -16,7 +19,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// The version of these messages.
-pub(super) const VERSION: u32 = 1;
+pub(super) const VERSION: u32 = 2;
 
 /// The most bytes of a message.
 pub(super) const MESSAGE_LIMIT: usize = 4 << 20;
@@ -44,6 +47,8 @@ pub(super) enum Asked {
     Bytes(Vec<u8>),
     /// A signal for the federate.
     Signal(i32),
+    /// What the clock there shows; it was asked at this time of the clock here.
+    Clock(i64),
 }
 
 /// What a starter says.
@@ -65,6 +70,10 @@ pub(super) enum Told {
     Ended(Ended),
     /// It cannot be started.
     Failed { message: String, hint: Option<String> },
+    /// What comes next of what the federate has recorded for the trace of the run; nothing now and then, when nothing comes.
+    Recorded(Vec<u8>),
+    /// What the clock has shown, when it was asked for at that time of the other one.
+    Clock { asked: i64, shown: i64 },
 }
 
 /// How a federate has ended.
@@ -93,6 +102,8 @@ pub(super) struct Manifest {
     pub(super) arguments: Vec<String>,
     /// Whether the federate writes a share of a logical trace, and what the user calls that.
     pub(super) trace: Option<String>,
+    /// Whether the federate records for the trace of the run, and how many records wait for each of its threads at most.
+    pub(super) record: Option<u64>,
     pub(super) files: Vec<Listed>,
 }
 
@@ -168,6 +179,7 @@ mod tests {
             properties: vec!["workers=2".to_owned()],
             arguments: Vec::new(),
             trace: Some("trace".to_owned()),
+            record: Some(8),
             files: vec![file],
         };
         let sent =

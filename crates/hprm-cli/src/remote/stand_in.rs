@@ -22,6 +22,7 @@ use super::Places;
 use super::key::{self, Occasion, Side};
 use super::program::{self, Files};
 use super::protocol::{self, Asked, CHUNK, Ended, Manifest, Told};
+use super::recording::Writing;
 use crate::launch::Plan;
 use crate::message::{self, Error, print_error};
 use crate::{declare, signals};
@@ -36,6 +37,8 @@ const ANSWERING: Duration = Duration::from_secs(60);
 #[derive(Serialize, Deserialize)]
 struct Errand {
     launcher: i32,
+    /// The number of the federate in the program.
+    number: u16,
     machine: String,
     key: PathBuf,
     manifest: Manifest,
@@ -86,10 +89,12 @@ impl Errands {
                 Error::option("arguments of a program on another machine have to be UTF-8 text")
             })?,
             trace: share.map(|share| share.trace.display().to_string()),
+            record: None,
             files: self.files.listed.clone(),
         };
         let errand = Errand {
             launcher: i32::try_from(std::process::id()).unwrap_or_default(),
+            number: membership.federate.0,
             machine: machine.to_owned(),
             key: places.key().to_owned(),
             manifest,
@@ -143,7 +148,12 @@ pub(crate) fn stand_in() -> Result<ExitCode, Error> {
     })
     .map_err(failed)?;
     let stream = admitted(&errand.machine, &errand.key)?;
-    match errand.follow(&stream, &forward) {
+    let federate = (errand.number, &*errand.manifest.federate);
+    let mut writing = Writing::wanted(federate, &errand.machine);
+    let followed = errand.follow(&stream, &forward, writing.as_mut());
+    let is_cut = matches!(followed, Err(Lost::Link(_)));
+    writing.iter_mut().for_each(|writing| writing.end(!is_cut));
+    match followed {
         Ok(ended) => Ok(end(ended)),
         // The launcher tells that the federate has ended, and this is why.
         Err(Lost::Link(error)) => {
@@ -203,7 +213,8 @@ fn prove(stream: &UnixStream, machine: &str, key: &Path) -> Result<(), Lost> {
     let keys = key::read(key)?;
     let key = &keys[0];
     let Told::Challenge { version: protocol::VERSION, nonce: theirs } = next(stream)? else {
-        return Err(told(format!("{machine} has another version of HPRM")));
+        let error = Error::new(format!("{machine} has another version of HPRM than this machine"));
+        return Err(Lost::Told(error.hint("install the same version on both")));
     };
     let mine = key::nonce()?;
     let occasion = Occasion { machine, nonces: [theirs, mine] };
@@ -217,8 +228,18 @@ fn prove(stream: &UnixStream, machine: &str, key: &Path) -> Result<(), Lost> {
 
 impl Errand {
     /// Has the federate started, and does as it does.
-    fn follow(&self, stream: &UnixStream, forward: &Mutex<Forward>) -> Result<Ended, Lost> {
-        protocol::write(stream, &Asked::Program(Box::new(self.manifest.clone())))?;
+    fn follow(
+        &self,
+        stream: &UnixStream,
+        forward: &Mutex<Forward>,
+        mut writing: Option<&mut Writing>,
+    ) -> Result<Ended, Lost> {
+        if let Some(writing) = &mut writing {
+            writing.begin(|asked| ask_for_time(stream, asked))?;
+        }
+        let record = writing.as_ref().map(|writing| writing.capacity());
+        let manifest = Manifest { record, ..self.manifest.clone() };
+        protocol::write(stream, &Asked::Program(Box::new(manifest)))?;
         let mut share = None;
         loop {
             match next(stream)? {
@@ -226,6 +247,10 @@ impl Errand {
                 Told::Started => {
                     stream.set_read_timeout(None)?;
                     locked(forward).begin(stream.try_clone()?);
+                }
+                Told::Recorded(bytes) => writing.iter_mut().for_each(|it| it.take(&bytes)),
+                Told::Clock { asked, shown } => {
+                    writing.iter_mut().for_each(|it| it.answered(asked, shown));
                 }
                 Told::Output { is_error: true, bytes } => print_error(&bytes),
                 Told::Output { is_error: false, bytes } => {
@@ -239,6 +264,9 @@ impl Errand {
                     return Ok(ended);
                 }
                 _ => return Err(told(format!("{} says what is not expected", self.machine))),
+            }
+            if let Some(asked) = writing.as_mut().and_then(|writing| writing.question()) {
+                locked(forward).say(&Asked::Clock(asked));
             }
         }
     }
@@ -296,6 +324,15 @@ fn told(text: String) -> Lost {
     Lost::Told(Error::new(text))
 }
 
+/// What the clock of the other machine shows, before anything is started there.
+fn ask_for_time(stream: &UnixStream, asked: i64) -> Result<i64, Lost> {
+    protocol::write(stream, &Asked::Clock(asked))?;
+    match next(stream)? {
+        Told::Clock { shown, .. } => Ok(shown),
+        _ => Err(told("the other machine does not tell the time".to_owned())),
+    }
+}
+
 /// What the starter says next.
 fn next(stream: &UnixStream) -> Result<Told, Lost> {
     match protocol::read(stream)? {
@@ -325,7 +362,7 @@ fn end(ended: Ended) -> ExitCode {
     }
 }
 
-/// Where signals go.
+/// Where signals go, and all else that is said while the federate runs.
 #[derive(Default)]
 struct Forward {
     /// Once the federate runs.
@@ -337,10 +374,15 @@ struct Forward {
 impl Forward {
     fn take(&mut self, signal: i32) {
         match &self.stream {
-            // Without a link, the process is about to end.
-            Some(stream) => drop(protocol::write(stream, &Asked::Signal(signal))),
+            Some(_) => self.say(&Asked::Signal(signal)),
             None => self.early.push(signal),
         }
+    }
+
+    /// Says something once the federate runs, apart from all else that is said.
+    fn say(&self, asked: &Asked) {
+        // Without a link, the process is about to end.
+        let _ = self.stream.as_ref().map(|stream| protocol::write(stream, asked));
     }
 
     fn begin(&mut self, stream: UnixStream) {

@@ -12,7 +12,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
+use hprm::Clock;
 use hprm::launch::die_with_parent;
+use hprm::recorder::{Outbox, TRACE};
 use rustix::process::{
     Pid, Signal, WaitId, WaitIdOptions, kill_process, kill_process_group, waitid,
 };
@@ -21,6 +23,7 @@ use super::cache::{self, Cache, Laid};
 use super::key::{self, Occasion, Side};
 use super::limits::Limits;
 use super::protocol::{self, Asked, CHUNK, Ended, Listed, Manifest, Told};
+use super::recording::Sending;
 use crate::args::{Interpreter, Starter};
 use crate::launch::{FEDERATION_ID, PROPERTIES};
 use crate::message::{self, Error, print_error};
@@ -33,8 +36,10 @@ const ASKING: Duration = Duration::from_secs(30);
 const ENDING: Duration = Duration::from_secs(3);
 const LAST_WORDS: Duration = Duration::from_secs(30);
 
-/// Where a federate writes its share of the logical trace, beside the files of its program.
+/// Where a federate writes its share of the logical trace, and what it records in physical time, beside the files of its
+/// program.
 const SHARE: &str = ".logical-trace";
+const RECORDED: &str = ".trace";
 
 /// Starts a federate, as the stand-in at the other end of the standard input says, and follows it to its end.
 ///
@@ -71,12 +76,7 @@ fn serve(stream: &UnixStream, wanted: &Starter) -> Result<(), Error> {
             .hint("run it as another user; or, if programs of others may be root there, with --allow-root"));
     }
     let owner = admit(stream, wanted)?;
-    let manifest = match protocol::read(stream) {
-        Ok(Some(Asked::Program(manifest))) => manifest,
-        // A launcher only wanted to know whether it might.
-        Ok(None) => return Ok(()),
-        _ => return Err(Error::new("the stand-in does not say what is to be started")),
-    };
+    let Some(manifest) = wanted_program(stream)? else { return Ok(()) };
     if let Some(mistake) = cache::mistake(&manifest.main, &manifest.files) {
         return Err(Error::new(mistake));
     }
@@ -86,6 +86,12 @@ fn serve(stream: &UnixStream, wanted: &Starter) -> Result<(), Error> {
     let laid = cache.lay_out(&manifest.files);
     let laid = laid.map_err(|error| failed("lay out the files of the program", &error))?;
     let mut command = command(&manifest, &laid)?;
+    let outbox = manifest.record.map(|_| Outbox::create(laid.folder().join(RECORDED))).transpose();
+    let outbox = outbox.map_err(|error| failed("keep what the federate records", &error))?;
+    if let Some((outbox, capacity)) = outbox.as_ref().zip(manifest.record) {
+        let capacity = usize::try_from(capacity).unwrap_or(usize::MAX);
+        command.env(TRACE, outbox.request(capacity).variable());
+    }
     let Starter { memory, processes, files, .. } = *wanted;
     let limits = Limits { memory, processes, files };
     limits.apply().map_err(|error| failed("limit what a program uses", &error))?;
@@ -95,12 +101,30 @@ fn serve(stream: &UnixStream, wanted: &Starter) -> Result<(), Error> {
     let run =
         Run { stream: Arc::new(Mutex::new(stream.try_clone().map_err(|e| failed("run", &e))?)) };
     let share = manifest.trace.is_some().then(|| laid.folder().join(SHARE));
-    let ended = run.follow(child, share.as_deref()).map_err(|error| failed("follow it", &error))?;
+    let ended = run.follow(child, share.as_deref(), outbox);
+    let ended = ended.map_err(|error| failed("follow it", &error))?;
     // The files are gone before the launcher knows that all is over.
     drop(laid);
     // The stand-in may have ended.
     let _ = run.tell(&Told::Ended(ended));
     Ok(())
+}
+
+/// What the stand-in wants to have started; it may ask for the time before. Nothing, if the launcher only wanted to know
+/// whether it might.
+fn wanted_program(stream: &UnixStream) -> Result<Option<Box<Manifest>>, Error> {
+    let unsaid = || Error::new("the stand-in does not say what is to be started");
+    loop {
+        match protocol::read(stream) {
+            Ok(Some(Asked::Clock(asked))) => {
+                let told = Told::Clock { asked, shown: Clock::local().0 };
+                protocol::write(stream, &told).map_err(|_| unsaid())?;
+            }
+            Ok(Some(Asked::Program(manifest))) => return Ok(Some(manifest)),
+            Ok(None) => return Ok(None),
+            _ => return Err(unsaid()),
+        }
+    }
 }
 
 /// Has the stand-in prove that it may, and returns what the owner of its key is called.
@@ -188,23 +212,31 @@ fn command(manifest: &Manifest, laid: &Laid) -> Result<Command, Error> {
 }
 
 /// A federate that runs.
+#[derive(Clone)]
 struct Run {
     stream: Arc<Mutex<UnixStream>>,
 }
 
 impl Run {
     /// Follows the federate to its end.
-    fn follow(&self, mut child: Child, share: Option<&Path>) -> io::Result<Ended> {
+    fn follow(
+        &self,
+        mut child: Child,
+        share: Option<&Path>,
+        outbox: Option<Outbox>,
+    ) -> io::Result<Ended> {
         let pid = Pid::from_child(&child);
         let has_ended = Arc::new(AtomicBool::new(false));
         self.tell(&Told::Started)?;
+        let run = self.clone();
+        let sending = outbox.map(|it| Sending::start(it, move |told: &Told| run.tell(told)));
         let (said, words) = channel::<()>();
         let pipes: [(bool, Option<Box<dyn Read + Send>>); 2] = [
             (false, child.stdout.take().map(|pipe| Box::new(pipe) as _)),
             (true, child.stderr.take().map(|pipe| Box::new(pipe) as _)),
         ];
         for (is_error, pipe) in pipes {
-            let (run, said) = (Self { stream: Arc::clone(&self.stream) }, said.clone());
+            let (run, said) = (self.clone(), said.clone());
             thread::spawn(move || {
                 pipe.into_iter().for_each(|pipe| run.copy(pipe, is_error));
                 drop(said);
@@ -213,8 +245,8 @@ impl Run {
         drop(said);
         let reader = self.stream.lock().unwrap_or_else(PoisonError::into_inner).try_clone()?;
         reader.set_read_timeout(None)?;
-        let ended = Arc::clone(&has_ended);
-        thread::spawn(move || obey(&reader, pid, &ended));
+        let (run, ended) = (self.clone(), Arc::clone(&has_ended));
+        thread::spawn(move || run.obey(&reader, pid, &ended));
         // Not reaped yet, so that its number stays its own.
         while waitid(WaitId::Pid(pid), WaitIdOptions::EXITED | WaitIdOptions::NOWAIT).is_err() {}
         has_ended.store(true, Ordering::SeqCst);
@@ -223,6 +255,7 @@ impl Run {
         // All that they have written is on its way then; unless a process has left the group, and writes for ever.
         let _ = words.recv_timeout(LAST_WORDS);
         let status = child.wait()?;
+        sending.into_iter().for_each(Sending::finish);
         self.send_share(share)?;
         let code = status.code().map(Ended::Code);
         Ok(code.unwrap_or_else(|| Ended::Signal(status.signal().unwrap_or_default())))
@@ -256,25 +289,38 @@ impl Run {
             }
         }
     }
-}
 
-/// Sends the federate the signals that come; ends it when no more can.
-fn obey(stream: &UnixStream, pid: Pid, has_ended: &AtomicBool) {
-    let send = |signal: Signal| {
-        if !has_ended.load(Ordering::SeqCst) {
-            // It may end this moment; it is not reaped before what it has started is ended.
-            let _ = match signal {
-                Signal::INT => kill_process(pid, signal),
-                _ => kill_process_group(pid, signal),
-            };
+    /// Sends the federate the signals that come; ends it when no more can.
+    fn obey(&self, stream: &UnixStream, pid: Pid, has_ended: &AtomicBool) {
+        let send = |signal: Signal| {
+            if !has_ended.load(Ordering::SeqCst) {
+                // It may end this moment; it is not reaped before what it has started is ended.
+                let _ = match signal {
+                    Signal::INT => kill_process(pid, signal),
+                    _ => kill_process_group(pid, signal),
+                };
+            }
+        };
+        loop {
+            match protocol::read(stream) {
+                Ok(Some(Asked::Signal(number))) => {
+                    Signal::from_named_raw(number).into_iter().for_each(send);
+                }
+                Ok(Some(Asked::Clock(asked))) => self.tell_time(asked),
+                _ => break,
+            }
         }
-    };
-    while let Ok(Some(Asked::Signal(number))) = protocol::read(stream) {
-        if let Some(signal) = Signal::from_named_raw(number) {
-            send(signal);
+        send(Signal::TERM);
+        thread::sleep(ENDING);
+        send(Signal::KILL);
+    }
+
+    /// Tells what the clock shows, unless the stream is in use: signals do not wait for that, and an answer that waits says
+    /// little.
+    fn tell_time(&self, asked: i64) {
+        if let Ok(stream) = self.stream.try_lock() {
+            // Without a stand-in, the federate is about to be ended.
+            let _ = protocol::write(&*stream, &Told::Clock { asked, shown: Clock::local().0 });
         }
     }
-    send(Signal::TERM);
-    thread::sleep(ENDING);
-    send(Signal::KILL);
 }

@@ -1,7 +1,7 @@
 //! What the loop records of itself for the trace. Nothing here decides anything.
 
 use hprm_core::{ChannelId, Payload, PhysicalTime, Tag};
-use hprm_federated::Input;
+use hprm_federated::{Estimate, Input};
 
 use super::{FederateLoop, Phase};
 use crate::recorder::{Flags, Kind, Size, Wait, Waiting};
@@ -32,6 +32,13 @@ where
         if let Input::FromRti(frame) = input {
             self.recorder.frame(Kind::FrameReceived, self.federation.me(), frame);
         }
+    }
+
+    /// The clock was set to another time.
+    #[cold]
+    pub(super) fn note_clock_set(&self, set: Estimate) {
+        let is_kept = self.federation.time.is_kept();
+        self.recorder.clock_set(set.offset, set.error, is_kept);
     }
 
     /// The loop waits now.

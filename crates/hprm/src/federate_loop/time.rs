@@ -3,7 +3,7 @@
 //! `hprm_federated::ClockSync` decides what to ask and what answers mean; here are the link and the clock.
 
 use hprm_core::{ClockSyncMode, PhysicalTime, Program};
-use hprm_federated::{ClockSync, Correction, Frame};
+use hprm_federated::{ClockSync, Correction, Estimate, Frame};
 
 use super::links::FederateLinks;
 use crate::Clock;
@@ -40,15 +40,20 @@ impl Time {
         }
     }
 
-    /// Takes an answer. Returns whether it has set the clock to another time: earlier readings of the clock
+    /// Takes an answer. Returns whether it has set the clock to another time, and if so how: earlier readings of the clock
     /// must not be used then.
-    pub(super) fn answered(&mut self, answer: &Frame) -> bool {
-        let Frame::ClockReply { asked, received, sent } = *answer else { return false };
-        let correction = self.sync.answered(Clock::local(), asked, received, sent);
-        if let Some(correction) = correction {
-            Clock::correct(correction);
-        }
-        matches!(correction, Some(Correction::Step { .. }))
+    pub(super) fn answered(&mut self, answer: &Frame) -> Option<Estimate> {
+        let Frame::ClockReply { asked, received, sent } = *answer else { return None };
+        let local = Clock::local();
+        let correction = self.sync.answered(local, asked, received, sent)?;
+        Clock::correct(correction);
+        let is_step = matches!(correction, Correction::Step { .. });
+        self.sync.estimate(local).filter(|_| is_step)
+    }
+
+    /// Whether the clock follows the RTI's after it was set.
+    pub(super) fn is_kept(&self) -> bool {
+        self.sync.next_wakeup().is_some()
     }
 
     /// When to ask next.

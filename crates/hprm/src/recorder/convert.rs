@@ -3,7 +3,8 @@
 //! A member of the federation is a process there, each of its threads a thread, and the coordination another one. The
 //! numbers of processes are made from those of federates: processes on several machines, and federates that are
 //! threads of one, may have equal ones. Slices and instants have the names of reactions and ports; both ends of a
-//! message have one number for the arrow between them, which follows from channel and tag alone.
+//! message have one number for the arrow between them, which follows from channel and tag alone. Where times lie that are of
+//! another machine's clock is up to `times`.
 
 mod flows;
 mod interned;
@@ -11,7 +12,7 @@ mod slices;
 
 use std::io::{self, Write};
 
-use hprm_core::{PhysicalTime, Tag};
+use hprm_core::{Nanos, PhysicalTime, Tag, show_time};
 
 use self::flows::Flows;
 use self::interned::{Category, Interned};
@@ -22,7 +23,9 @@ use super::perfetto::{
     append,
 };
 use super::record::{Flags, FrameKind, Kind, Record, Wait};
+use super::remote::SHARE_LIMIT;
 use super::share::{Content, ShareReader};
+use super::times::Times;
 
 const SLICE_BEGIN: i32 = 1;
 const SLICE_END: i32 = 2;
@@ -33,15 +36,48 @@ const COORDINATION: u32 = 900;
 /// The track of tracepoints.
 const TRACEPOINTS: u32 = 901;
 
+/// Where the records of a share are from.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub(super) struct Source {
+    /// The machine, if it is another one.
+    pub(super) machine: Option<String>,
+    pub(super) times: Times,
+    /// Why the share ends early, if it does.
+    pub(super) cut: Cut,
+}
+
+/// Why a share ends before its process does.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Default)]
+pub(super) enum Cut {
+    /// The process was killed.
+    #[default]
+    Killed,
+    /// The link to its machine has ended.
+    Link,
+    /// There is more than a share from another machine may be.
+    Limit,
+}
+
+impl Cut {
+    /// Where the records end, in the trace and in what is told of it.
+    pub(super) fn place(self) -> String {
+        match self {
+            Self::Killed => "where the process was killed".to_owned(),
+            Self::Link => "where the link to its machine ended".to_owned(),
+            Self::Limit => format!("after {} GiB", SHARE_LIMIT >> 30),
+        }
+    }
+}
+
 /// What is missing in a trace.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Lost {
+pub(super) struct Lost {
     /// Whose records they are.
-    pub title: String,
+    pub(super) title: String,
     /// How many records were lost.
-    pub records: u64,
-    /// Whether the process was killed.
-    pub is_cut: bool,
+    pub(super) records: u64,
+    /// Why the others end early, if they do.
+    pub(super) cut: Option<Cut>,
 }
 
 /// Writes what is in a share as packets.
@@ -49,8 +85,12 @@ pub struct Lost {
 /// # Errors
 ///
 /// If the share cannot be read, or the packets cannot be written.
-pub fn convert<R: io::Read>(mut share: ShareReader<R>, out: &mut impl Write) -> io::Result<Lost> {
-    let mut converter = Converter::new(share.names.clone());
+pub(super) fn convert<R: io::Read>(
+    mut share: ShareReader<R>,
+    source: Source,
+    out: &mut impl Write,
+) -> io::Result<Lost> {
+    let mut converter = Converter::new(share.names.clone(), source);
     converter.describe_process();
     let mut is_cut = true;
     while let Some(content) = share.next_content()? {
@@ -66,16 +106,17 @@ pub fn convert<R: io::Read>(mut share: ShareReader<R>, out: &mut impl Write) -> 
         out.write_all(&converter.out)?;
         converter.out.clear();
     }
-    if is_cut {
-        converter.note_cut();
+    let cut = is_cut.then_some(converter.source.cut);
+    if let Some(cut) = cut {
+        converter.note_cut(cut);
     }
     out.write_all(&converter.out)?;
-    let Converter { names, lost, .. } = converter;
-    Ok(Lost { title: names.title(), records: lost, is_cut })
+    Ok(Lost { title: converter.title(), records: converter.lost, cut })
 }
 
 struct Converter {
     names: super::Names,
+    source: Source,
     process: i32,
     interned: Interned,
     /// The names of tracepoints.
@@ -108,13 +149,14 @@ struct Event<'a> {
 }
 
 impl Converter {
-    fn new(names: super::Names) -> Self {
+    fn new(names: super::Names, source: Source) -> Self {
         let process = match names.member {
             Member::Rti | Member::Whole => 1,
             Member::Federate(number) => i32::from(number) + 2,
         };
         Self {
             names,
+            source,
             process,
             interned: Interned::default(),
             tracepoints: Vec::new(),
@@ -138,12 +180,24 @@ impl Converter {
         flows::mix(&[self.process.cast_unsigned().into(), u64::from(track) + 1])
     }
 
+    /// What people call the member, with its machine if that is another one.
+    fn title(&self) -> String {
+        let title = self.names.title();
+        match &self.source.machine {
+            Some(machine) => format!("{title} on {machine}"),
+            None => title,
+        }
+    }
+
     fn describe_process(&mut self) {
-        let names = &self.names;
+        let Source { machine, times, .. } = &self.source;
+        let mut labels = vec![format!("process {}", self.names.process)];
+        labels.extend(machine.iter().map(|machine| format!("on {machine}")));
+        labels.extend(times.within().map(|within| format!("clock \u{b1}{}", rounded(within))));
         let process = ProcessDescriptor {
             pid: Some(self.process),
-            process_name: Some(names.title()),
-            process_labels: vec![format!("process {}", names.process)],
+            process_name: Some(self.names.title()),
+            process_labels: labels,
         };
         let track = TrackDescriptor {
             uuid: Some(flows::mix(&[self.process.cast_unsigned().into(), 0])),
@@ -224,16 +278,26 @@ impl Converter {
         self.packet(packet);
     }
 
+    /// Adds what a record says. All that it calls with a record sees the launcher's time.
     fn add(&mut self, lane: u32, record: &Record) {
+        if record.kind == Kind::ClockSet {
+            self.source.times.note_set();
+        }
+        let times = &self.source.times;
+        let lag = self.start.map(|start| record.time.since(record.tag.due(start)));
+        let at_most = until(record);
+        let end = times.shown(PhysicalTime(record.values[1].cast_signed()));
+        let record = &Record { time: times.shown(record.time), ..*record };
         self.latest = self.latest.max(record.time);
         match record.kind {
-            Kind::ReactionStart => self.reaction(lane, record),
+            Kind::ReactionStart => self.reaction(lane, record, lag),
             Kind::Waited => {
                 let name = Wait::name(record.detail);
                 let mut event = self.event(lane, record, SLICE_BEGIN, Category::Wait, name);
-                event.arguments.extend(until(record));
+                event.arguments.extend(at_most);
                 self.emit(event);
-                self.end_slice(lane, PhysicalTime(record.values[1].cast_signed()));
+                self.end_slice(lane, end);
+                self.latest = self.latest.max(end);
             }
             Kind::ReactionEnd => self.end(lane, record),
             Kind::Sent | Kind::Received | Kind::Forwarded => self.message(lane, record),
@@ -254,6 +318,13 @@ impl Converter {
                 self.emit(event);
             }
             Kind::Lost => self.note_lost(lane, record),
+            Kind::ClockSet => {
+                let mut event =
+                    self.event(COORDINATION, record, INSTANT, Category::Trace, "clock set");
+                let [offset, error] = record.values.map(u64::cast_signed);
+                event.arguments.extend([("offset_ns", offset), ("within_ns", error)]);
+                self.emit(event);
+            }
         }
     }
 
@@ -283,12 +354,11 @@ impl Converter {
         }
     }
 
-    fn reaction(&mut self, lane: u32, record: &Record) {
+    /// The lag is what the federate has seen: that of its own clock.
+    fn reaction(&mut self, lane: u32, record: &Record, lag: Option<i64>) {
         let name = name_of(&self.names.reactions, record.subject);
         let mut event = self.event(lane, record, SLICE_BEGIN, Category::Reaction, &name);
-        if let Some(start) = self.start {
-            event.arguments.push(("lag_ns", record.time.since(record.tag.due(start))));
-        }
+        event.arguments.extend(lag.map(|lag| ("lag_ns", lag)));
         let is_late = record.flags.has(Flags::DEADLINE);
         if is_late {
             event.texts.push(("body", "deadline handler".to_owned()));
@@ -385,19 +455,22 @@ impl Converter {
             self.end_slice(lane, record.time);
         }
         let count = record.values[0];
-        self.lost += count;
+        self.lost = self.lost.saturating_add(count);
         let name = format!("{count} records are missing before this");
         let mut event = self.event(lane, record, INSTANT, Category::Trace, &name);
         event.arguments.push(("lost", i64::try_from(count).unwrap_or(i64::MAX)));
         self.emit(event);
     }
 
-    fn note_cut(&mut self) {
+    fn note_cut(&mut self, cut: Cut) {
         let record = Record::new(Kind::Lost, Flags::NONE, 0, Tag::NEVER);
         let record = Record { time: self.latest, ..record };
         if self.latest > PhysicalTime(0) {
-            let name = "the process was killed: its records end here";
-            let event = self.event(0, &record, INSTANT, Category::Trace, name);
+            let name = match cut {
+                Cut::Killed => "the process was killed: its records end here".to_owned(),
+                cut => format!("its records end here, {}", cut.place()),
+            };
+            let event = self.event(0, &record, INSTANT, Category::Trace, &name);
             self.emit(event);
         }
     }
@@ -405,6 +478,13 @@ impl Converter {
 
 fn name_of(names: &[String], number: u32) -> String {
     names.get(number as usize).cloned().unwrap_or_else(|| number.to_string())
+}
+
+/// A length of time in three digits, not less than it is.
+fn rounded(time: Nanos) -> String {
+    let digits = time.checked_ilog10().unwrap_or_default();
+    let unit = 10_i64.pow(digits.saturating_sub(2));
+    show_time(time.saturating_add(unit - 1) / unit * unit)
 }
 
 /// Until when a loop waits, if that is known.

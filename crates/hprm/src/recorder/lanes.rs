@@ -52,6 +52,11 @@ impl Lanes {
         }
     }
 
+    /// The clock of the thread of this lane was set: earlier times may follow.
+    pub(super) fn forget_time(&self, lane: usize) {
+        self.rings[lane].note_time(PhysicalTime(0));
+    }
+
     /// The latest time that threads have recorded: to read the clock takes longer than to record.
     #[inline]
     pub(super) fn latest(&self) -> PhysicalTime {
@@ -153,5 +158,8 @@ mod tests {
         assert_eq!(lanes.latest(), PhysicalTime(30));
         push(2, 40, 40);
         assert_eq!(lanes.latest(), PhysicalTime(30), "tracepoints are of any thread");
+        lanes.forget_time(0);
+        push(0, 4, 4);
+        lanes.drain(0, |words| assert_eq!(Record::of_words(words).unwrap().time.0, 4));
     }
 }

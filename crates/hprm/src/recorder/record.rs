@@ -37,10 +37,14 @@ pub enum Kind {
     Started,
     /// Records were lost since the one before, as many as the first value says: the ring was full.
     Lost,
+    /// The clock of the process is set by the RTI's; records before this one have times of its machine. The values are the
+    /// RTI's time minus that of the machine, and how far that may be from the truth; the detail is 1 if the clock follows
+    /// the RTI's from then on.
+    ClockSet,
 }
 
 impl Kind {
-    const ALL: [Self; 12] = [
+    const ALL: [Self; 13] = [
         Self::ReactionStart,
         Self::ReactionEnd,
         Self::Sent,
@@ -53,6 +57,7 @@ impl Kind {
         Self::Tracepoint,
         Self::Started,
         Self::Lost,
+        Self::ClockSet,
     ];
 }
 

@@ -14,7 +14,7 @@ use hprm_core::Program;
 use super::collector::Recording;
 use super::lanes::{DEFAULT_CAPACITY, Lanes};
 use super::names::{Member, Names};
-use super::share::ShareWriter;
+use super::share::{ShareWriter, file_of};
 use super::shares::Shares;
 use super::{Recorder, Tracepoints};
 use crate::workers;
@@ -163,12 +163,7 @@ fn open(
     threads: usize,
     capacity: usize,
 ) -> std::io::Result<Recording> {
-    let file = match names.member {
-        Member::Whole => "whole".to_owned(),
-        Member::Rti => "rti".to_owned(),
-        Member::Federate(number) => format!("federate-{number}"),
-    };
-    let writer = ShareWriter::create(&folder.join(file), names)?;
+    let writer = ShareWriter::create(&folder.join(file_of(names.member)), names)?;
     let lanes = Arc::new(Lanes::new(threads, capacity));
     Recording::start(lanes, vec![Box::new(writer)])
 }

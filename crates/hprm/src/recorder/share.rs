@@ -1,15 +1,16 @@
 //! The share of one process: its records as they are, in a file that may end anywhere.
 //!
 //! The file begins with [`MAGIC`], the length of the [`Names`] as JSON, and these. Then come blocks: what it is, a
-//! number, a length, and so many bytes. All numbers are those of this machine, because the share is read where it
-//! was written, by the same version. What a process has written before it is killed is all there.
+//! number, a length, and so many bytes. All numbers are those of this machine: a share is read by the same version, here or on
+//! another machine, and all machines for which HPRM is made have the same numbers. What a process has written before it is
+//! killed is all there.
 
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, ErrorKind, Read, Write};
 use std::path::Path;
 
 use super::collector::Reader;
-use super::names::Names;
+use super::names::{Member, Names};
 use super::record::{Record, Words};
 
 const MAGIC: &[u8; 8] = b"HPRMrec1";
@@ -20,6 +21,18 @@ const MOST_NAMES: u64 = 1 << 30;
 const RECORDS: u32 = 1;
 const NAME: u32 = 2;
 const END: u32 = 3;
+
+/// A share of another order of bytes would be read as something else.
+const _: () = assert!(cfg!(target_endian = "little"), "shares travel between machines as they are");
+
+/// The name of the file that is the share of a member.
+pub(super) fn file_of(member: Member) -> String {
+    match member {
+        Member::Whole => "whole".to_owned(),
+        Member::Rti => "rti".to_owned(),
+        Member::Federate(number) => format!("federate-{number}"),
+    }
+}
 
 /// Writes a share.
 #[derive(Debug)]

@@ -4,6 +4,8 @@ use std::collections::{HashMap, HashSet};
 
 use proptest::prelude::*;
 
+use super::super::comparisons::Comparisons;
+use super::super::times::ClockSet;
 use super::*;
 use crate::recorder::perfetto::packets;
 use crate::recorder::share::tests::names;
@@ -16,7 +18,11 @@ struct Seen {
 }
 
 fn seen(member: Member, records: &[Record]) -> Seen {
-    let mut converter = Converter::new(names(member));
+    seen_from(Source::default(), member, records)
+}
+
+fn seen_from(source: Source, member: Member, records: &[Record]) -> Seen {
+    let mut converter = Converter::new(names(member), source);
     converter.describe_process();
     records.iter().for_each(|record| converter.add(0, record));
     let mut known = HashMap::new();
@@ -79,6 +85,66 @@ fn two_members_share_no_track() {
     assert_eq!(tracks.len(), 3);
 }
 
+/// The times of all events, and the labels of the process.
+fn times(source: Source, records: &[Record], cut: Option<Cut>) -> (Vec<u64>, Vec<String>) {
+    let mut converter = Converter::new(names(Member::Federate(0)), source);
+    converter.describe_process();
+    records.iter().for_each(|record| converter.add(0, record));
+    cut.into_iter().for_each(|cut| converter.note_cut(cut));
+    let (mut times, mut labels) = (Vec::new(), Vec::new());
+    for packet in packets(&converter.out).map(Result::unwrap) {
+        times.extend(packet.timestamp);
+        let process = packet.track_descriptor.and_then(|track| track.process);
+        labels.extend(process.into_iter().flat_map(|process| process.process_labels));
+    }
+    (times, labels)
+}
+
+#[test]
+fn what_another_machine_has_recorded_is_named_and_moved_to_the_clock_here() {
+    let mut comparisons = Comparisons::default();
+    // Its clock is ahead by 1,000 ns.
+    assert!(comparisons.add([100, 1_110, 120]));
+    let source = Source {
+        machine: Some("robot2".to_owned()),
+        times: Times::new(None, comparisons),
+        cut: Cut::Link,
+    };
+    let wait = at(2_000, Kind::Waited, 0, Tag::START).with_values([0, 2_500]);
+    let records = [wait, at(3_000, Kind::Scheduled, 0, Tag::START)];
+    let (times, labels) = times(source, &records, Some(Cut::Link));
+    assert_eq!(times, [1_000, 1_500, 2_000, 2_000]);
+    assert_eq!(labels, ["process 7", "on robot2", "clock \u{b1}10 ns"]);
+}
+
+#[test]
+fn what_was_recorded_before_the_clock_was_set_is_moved_as_far() {
+    let set = at(200, Kind::ClockSet, 0, Tag::NEVER).with_values([(-700_i64).cast_unsigned(), 8]);
+    let times_of = Times::new(ClockSet::of(&set), Comparisons::default());
+    let source = Source { times: times_of, ..Source::default() };
+    let wait = at(880, Kind::Waited, 0, Tag::NEVER).with_values([0, 890]);
+    let (times, labels) =
+        times(source, &[wait, set, at(210, Kind::Scheduled, 0, Tag::START)], None);
+    assert_eq!(times, [180, 190, 200, 210]);
+    assert_eq!(labels, ["process 7", "clock \u{b1}8 ns"]);
+}
+
+#[test]
+fn the_end_of_a_share_is_behind_all_that_is_in_it() {
+    let wait = at(20, Kind::Waited, 0, Tag::START).with_values([0, 50]);
+    for cut in [Cut::Killed, Cut::Link, Cut::Limit] {
+        assert_eq!(times(Source::default(), &[wait], Some(cut)).0, [20, 50, 50]);
+    }
+}
+
+#[test]
+fn a_bound_is_told_in_three_digits_and_not_as_less_than_it_is() {
+    for (time, told) in [(0, "0"), (7, "7 ns"), (123_456, "124 us"), (9_991_001, "10 ms")] {
+        assert_eq!(rounded(time), told);
+    }
+    assert!(rounded(i64::MAX).ends_with('s'));
+}
+
 fn record() -> impl Strategy<Value = Record> {
     let kinds = [
         Kind::ReactionStart,
@@ -89,6 +155,7 @@ fn record() -> impl Strategy<Value = Record> {
         Kind::Scheduled,
         Kind::Tracepoint,
         Kind::FrameSent,
+        Kind::ClockSet,
     ];
     (prop::sample::select(kinds.to_vec()), any::<(u8, u8)>(), 0..3_u32, any::<[u64; 2]>()).prop_map(
         |(kind, (flags, detail), subject, values)| Record {
