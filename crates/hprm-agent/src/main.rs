@@ -3,7 +3,8 @@
 //!
 //! This file has the command line. `agent.rs` is the loop, `carrier.rs` and `about.rs` all that knows Zenoh, `local.rs` what processes
 //! of this machine want, `link.rs` one link, `starters.rs` what starts programs for other machines, `credentials.rs` how machines
-//! come to belong together, `membership.rs` how they learn that this has changed, `access.rs` what each of them may say,
+//! come to belong together, `membership.rs` how they learn that this has changed, `renewal.rs` how they get certificates that end later, `access.rs` what each
+//! of them may say,
 //! `replies.rs` where queries of others are answered.
 
 #![forbid(unsafe_code)]
@@ -19,6 +20,7 @@ mod local;
 mod membership;
 mod options;
 mod others;
+mod renewal;
 mod replies;
 mod router;
 mod starters;
