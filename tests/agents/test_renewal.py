@@ -189,6 +189,13 @@ def test_an_agent_with_a_certificate_that_has_ended_says_so(machines: Machines) 
     assert (code, out, err.count("error: ")) == (1, "", 1)
     assert f"error: the certificate of robot2 has ended on {ends:%Y-%m-%d}, so no other" in err
     assert "hint: `hprm agent renew robot2` on the authority's machine" in err
+    # So does one with a certificate of its own.
+    folder = machines.credentials("robot2")
+    names = {"cert": "machine.pem", "key": "machine.key", "ca": "authority.pem"}
+    tls = [word for what, name in names.items() for word in (f"--tls-{what}", str(folder / name))]
+    code, _, err = finish(machines.spawn("robot1", AGENT, "--name", "robot9", *tls))
+    assert code == 1 and "error: the certificate of robot9 has ended" in err
+    assert "put it in the place of that of --tls-cert" in err
     # As the authority does not know it, it says so; a copy of the certificate is enough.
     code, out, err = renew(machines, "robot2")
     assert (code, out) == (1, "")

@@ -79,10 +79,19 @@ impl Credentials {
     pub(crate) fn read() -> Result<Option<Self>, Failure> {
         // Without a folder for any credentials, there are none.
         let Ok(folder) = files::folder(FOLDER) else { return Ok(None) };
-        Self::read_in(folder)
+        Self::read_in(folder, None)
     }
 
-    fn read_in(folder: PathBuf) -> Result<Option<Self>, Failure> {
+    /// The same once more, when something in their folder has changed. What is known of certificates is not verified again.
+    ///
+    /// # Errors
+    ///
+    /// If they cannot be used.
+    pub(crate) fn read_again(&self) -> Result<Option<Self>, Failure> {
+        Self::read_in(self.folder.clone(), Some(self))
+    }
+
+    fn read_in(folder: PathBuf, before: Option<&Self>) -> Result<Option<Self>, Failure> {
         if !folder.join(CERTIFICATE).exists() {
             return Ok(None);
         }
@@ -100,11 +109,14 @@ impl Credentials {
             .map_err(|why| unusable(AUTHORITY, why))?;
         let text = files::read(&folder.join(ROSTER))?.into_bytes();
         let roster = Roster::read(&text, &authority.key).map_err(|why| unusable(ROSTER, why))?;
-        let bundle = Arc::default();
+        let before = before.filter(|it| it.authority.key == authority.key);
+        let mut bundle = before.map_or_else(Bundle::default, |it| it.bundle().clone());
+        bundle.retain(&roster);
+        let bundle = Arc::new(Mutex::new(bundle));
         let read = Self { folder, name, certificate, authority, roster, text, bundle };
-        if read.roster.subjects().contains(&*read.certificate.subject) {
-            read.bundle().take([read.certificate.clone()]);
-        }
+        // Others are told of nothing that they would refuse.
+        let own = read.news(read.certificate.pem().as_bytes()).unwrap_or_default();
+        read.bundle().take(own);
         // A file that is wrong is told when it is looked at; without it, others have the certificates.
         let _ = read.look_at_bundle();
         Ok(Some(read))
@@ -231,7 +243,7 @@ impl Credentials {
     ///
     /// What is wrong with it; then nothing of it counts.
     pub(crate) fn news(&self, text: &[u8]) -> Result<Vec<Certificate>, String> {
-        // A copy, so that nobody waits while much is verified.
+        // A copy, so that the loop does not wait while much is verified.
         let known = self.bundle().clone();
         known.news(text, &self.roster, &self.authority)
     }
@@ -265,7 +277,11 @@ impl Credentials {
             return Ok(());
         }
         let news = self.news(files::read(&path)?.as_bytes());
-        let unusable = |why| Failure::new(format!("cannot use {}: {why}", path.display()));
+        let unusable = |why| {
+            let text = format!("cannot use {}: {why}", path.display());
+            Failure::new(text)
+                .hint("what was known takes its place; copy the file of this machine's authority")
+        };
         self.bundle().take(news.map_err(unusable)?);
         Ok(())
     }

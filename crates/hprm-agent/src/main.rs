@@ -48,6 +48,14 @@ impl Failure {
     fn hint(self, hint: impl Into<String>) -> Self {
         Self { hint: Some(hint.into()), ..self }
     }
+
+    /// Tells the user.
+    fn tell(&self) {
+        eprintln!("error: {self}");
+        if let Some(hint) = &self.hint {
+            eprintln!("  hint: {hint}");
+        }
+    }
 }
 
 fn main() -> ExitCode {
@@ -62,10 +70,7 @@ fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("error: {failure}");
-            if let Some(hint) = failure.hint {
-                eprintln!("  hint: {hint}");
-            }
+            failure.tell();
             ExitCode::FAILURE
         }
     }

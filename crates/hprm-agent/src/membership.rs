@@ -110,7 +110,7 @@ impl Membership {
         if !has_changed || !self.credentials.is_stale() {
             return Ok(false);
         }
-        match Credentials::read() {
+        match self.credentials.read_again() {
             Ok(Some(credentials)) => {
                 credentials.check_membership()?;
                 if let Some(date) = credentials.renewed_since(&self.credentials) {
@@ -142,7 +142,7 @@ fn look_at_bundle(credentials: &Credentials) {
     for failure in
         [looked, credentials.keep_certificates(Vec::new())].into_iter().filter_map(Result::err)
     {
-        eprintln!("error: {failure}");
+        failure.tell();
     }
 }
 

@@ -7,10 +7,11 @@
 //! Each agent keeps the certificates of all machines, and now and then compares them with one other agent, which it takes at
 //! random among those that it reaches. So a renewed certificate gets around in a number of rounds that grows as the logarithm of
 //! the number of machines, also past machines that were off, and each agent gets all certificates once or twice, not from all
-//! others. Who carries a certificate cannot change it: the authority has signed it.
+//! others. An agent that carries a certificate cannot change it: the authority has signed it.
 //!
 //! What is kept, and when an agent takes its own one, is in `credentials.rs`; what follows, in `agent/belonging.rs`.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use hprm::random_bytes;
@@ -92,7 +93,7 @@ pub(crate) fn ask(
     credentials: &Credentials,
     tell: impl Fn(Vec<Certificate>) + Send + Sync + 'static,
 ) {
-    let known = credentials.clone();
+    let (known, is_answered) = (credentials.clone(), AtomicBool::new(false));
     let asked = session
         .get(format!("{ROOT}/certificates/{partner}?{}", known.digest()))
         .target(QueryTarget::All)
@@ -100,10 +101,11 @@ pub(crate) fn ask(
         .timeout(ANSWER)
         .callback(move |reply| {
             let Ok(sample) = reply.result() else { return };
-            if sample.payload().len() > BUNDLE_LIMIT {
+            // One answer is enough: to read it takes a while.
+            if sample.payload().len() > BUNDLE_LIMIT || is_answered.swap(true, Ordering::Relaxed) {
                 return;
             }
-            // What anybody may send must not wait for the loop. An agent has nothing that is wrong; others have not to be told.
+            // What other machines send must not wait for the loop, and what is wrong fills no log.
             let news = known.news(&sample.payload().to_bytes()).unwrap_or_default();
             if !news.is_empty() {
                 tell(news);

@@ -1,7 +1,7 @@
 //! A bundle: of each machine on a roster, the certificate that ends last.
 //!
-//! Each certificate is signed by itself, so a bundle is not, and anyone may carry it. Two bundles become one by keeping what ends
-//! last of both; so in whatever order they come, all agents end up with the same, and an old one changes nothing. Whoever was
+//! Each certificate has a signature, so a bundle needs none, and any agent may carry it. Two bundles become one by keeping what ends
+//! last of both; so in whatever order they come, all agents end up with the same, and an old one changes nothing. A machine that was
 //! taken out of the roster is in no bundle. How bundles travel is the business of `renewal.rs`.
 
 use std::collections::BTreeMap;

@@ -49,7 +49,7 @@ impl Place {
 }
 
 fn read(folder: &Path) -> Credentials {
-    Credentials::read_in(folder.to_owned()).unwrap().unwrap()
+    Credentials::read_in(folder.to_owned(), None).unwrap().unwrap()
 }
 
 fn names(names: &[&str]) -> Vec<String> {
@@ -74,6 +74,7 @@ fn a_renewed_certificate_is_for_the_same_name_and_key_and_is_taken_once() {
     assert_eq!((new.ends, new), (renewed.ends, &news[0]));
     assert_eq!(after.renewed_since(&robot).as_deref(), Some("2028-09-22"));
     assert_eq!((after.is_stale(), after.renewed_since(&after)), (false, None));
+    assert_eq!(robot.read_again().unwrap().unwrap().certificate, *new);
     // Neither the same once more nor the old one changes anything.
     assert_eq!(after.news(text.as_bytes()), Ok(Vec::new()));
     assert_eq!(after.news(old.pem().as_bytes()), Ok(Vec::new()));

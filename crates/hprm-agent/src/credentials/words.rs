@@ -196,7 +196,7 @@ pub(crate) fn renew_due(credentials: &Credentials) -> Result<Option<String>, Fai
 
 /// Returns what was done, and whether the agent of this machine has it.
 fn sign_again(authority: &mut Authority, which: &Which<'_>) -> Result<(Renewed, bool), Failure> {
-    // Credentials of this machine that cannot be used are no reason not to renew those of others.
+    // Credentials of this machine that cannot be used are no reason not to renew certificates of others.
     let credentials = Credentials::read().ok().flatten();
     let known = credentials.as_ref().and_then(|it| it.certificates_beside(""));
     let renewed = authority.renew(which, known.unwrap_or_default().as_bytes(), now())?;
