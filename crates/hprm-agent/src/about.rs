@@ -21,6 +21,7 @@ use zenoh::Wait;
 use zenoh::query::Queryable;
 
 use crate::carrier::{AgentId, ROOT};
+use crate::credentials::lifetime_of;
 use crate::local::answer;
 use crate::options::Options;
 use crate::others::Reached;
@@ -64,12 +65,14 @@ impl Here {
     /// What does not change, and no federations yet.
     pub(crate) fn new(options: &Options) -> Self {
         let system = rustix::system::sysinfo();
+        let ends = options.tls.as_ref().and_then(|tls| lifetime_of(&options.name, tls));
         let fixed = About {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             addresses: options.listen.clone(),
             processors: thread::available_parallelism().map_or(1, |count| count.get() as u64),
             memory: (system.totalram as u64).saturating_mul(u64::from(system.mem_unit)),
             federations: Vec::new(),
+            certificate_ends: ends.map(|it| it.ends),
         };
         Self { name: options.name.clone(), fixed, running: Mutex::new(None) }
     }

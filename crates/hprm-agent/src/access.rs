@@ -57,12 +57,14 @@ fn machine(member: &Member) -> Vec<Value> {
     let to_it = [
         format!("open/{name}/**"),
         format!("about/{name}/*"),
+        format!("certificates/{name}/*"),
         format!("by/*/open/{name}/**"),
         format!("by/*/about/{name}/*"),
     ];
     let from_it = [
         format!("open/*/*/{name}/*"),
         "about/*/*".to_owned(),
+        "certificates/*/*".to_owned(),
         format!("to/*/open/*/*/{name}/*"),
         "to/*/about/*/*".to_owned(),
     ];
@@ -85,7 +87,7 @@ fn machine(member: &Member) -> Vec<Value> {
             "is offered answers",
             &["declare_queryable"],
             &["egress"],
-            &["open/**", "about/*/*", "by/**", "to/**"],
+            &["open/**", "about/*/*", "certificates/*/*", "by/**", "to/**"],
         ),
     ]
 }

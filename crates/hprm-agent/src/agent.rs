@@ -22,6 +22,7 @@ use crate::local::{Local, answer};
 use crate::membership::Membership;
 use crate::options::Options;
 use crate::others::{Others, Reached};
+use crate::renewal::Daily;
 use crate::starters::Starters;
 
 /// The most links: each may hold some megabytes for a slow reader.
@@ -41,6 +42,7 @@ struct Agent {
     starters: Starters,
     /// What follows from the authority, if this machine was enrolled.
     membership: Option<Membership>,
+    daily: Daily,
     links: BTreeMap<LinkId, Link>,
     /// Those whose sockets are ready.
     ready: Vec<LinkId>,
@@ -82,6 +84,7 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
         local,
         starters,
         membership,
+        daily: Daily::new(Clock::local()),
         links,
         ready,
         buffer,
@@ -101,6 +104,7 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
         agent.take_events();
         agent.take_requests();
         agent.drive_links();
+        agent.look_at_ends(options);
         if let Err(failure) = agent.belong(options) {
             agent.end();
             return Err(failure);
@@ -164,6 +168,7 @@ impl Agent {
         let rival = self.rival_since.map(|since| since.plus(LEASE));
         let roster = self.membership.as_ref().map(Membership::next_wakeup);
         let wakeups = self.links.values().map(Link::next_wakeup).chain(rival).chain(roster);
+        let wakeups = wakeups.chain([self.daily.next_wakeup()]);
         let due = wakeups.min().map(|due| due.since(Clock::local()).max(0));
         let timeout = due.map(|nanos| Timespec {
             tv_sec: nanos / 1_000_000_000,
@@ -279,6 +284,9 @@ impl Agent {
         if agent != self.me {
             self.carrier.reaches(&agent, is_there);
             self.others.set(agent, is_there);
+            if let Some(membership) = self.membership.as_mut().filter(|_| is_there) {
+                membership.rounds.hurry(now);
+            }
         }
         self.look_for_rivals(now);
     }

@@ -6,6 +6,7 @@
 //! hprm/agents/1/links/TO/FROM/NUMBER  packets of a link, from one agent to another
 //! hprm/agents/1/about/AGENT           a query for what `hprm machines` shows: see `about.rs`
 //! hprm/agents/1/roster                a query for a newer roster: see `membership.rs`
+//! hprm/agents/1/certificates/AGENT    a query for newer certificates of machines: see `renewal.rs`
 //! hprm/agents/1/to/ROUTER/...         packets and queries for agents that only a router reaches, and
 //! hprm/agents/1/by/ROUTER/...         what that makes of them: see `router.rs`
 //! ```
@@ -42,6 +43,7 @@ use crate::credentials::Credentials;
 use crate::membership::{self, News};
 use crate::options::Options;
 use crate::others::Reached;
+use crate::renewal;
 use crate::replies::Replies;
 use crate::router::{self, Router};
 
@@ -93,7 +95,7 @@ pub(crate) enum Event {
     Agent { agent: AgentId, is_there: bool },
     /// A router reaches an agent, or does not.
     Route { router: String, agent: AgentId, is_there: bool },
-    /// Another agent says something of rosters.
+    /// Another agent says something of rosters or certificates.
     News(News),
 }
 
@@ -123,7 +125,7 @@ pub(crate) struct Carrier {
     router: Option<Router>,
     _declared: Declared,
     _about: [Queryable<()>; 2],
-    _rosters: Option<Queryable<()>>,
+    _rosters: Option<[Queryable<()>; 2]>,
 }
 
 /// What makes the machine known, and where what comes to it goes.
@@ -176,8 +178,10 @@ impl Carrier {
         let replies = Replies::open()
             .map_err(|error| Failure::new(format!("the agent has no thread left: {error}")))?;
         let about = about::declare(&session, &me, &here, &replies).map_err(failed)?;
-        let rosters =
-            credentials.map(|it| membership::declare(&session, it, &replies, news(&inbox)));
+        let rosters = credentials.map(|it| {
+            let rosters = membership::declare(&session, it, &replies, news(&inbox))?;
+            Ok([rosters, renewal::declare(&session, &me, it, &replies)?])
+        });
         let rosters = rosters.transpose().map_err(failed)?;
         let is_router = options.is_router(credentials);
         let router = is_router.then(|| Router::open(&session, &me.machine, &replies));
@@ -212,6 +216,13 @@ impl Carrier {
     /// Asks other agents for a newer roster; [`Event::News`] is the answer, if there is one.
     pub(crate) fn ask_for_roster(&self, credentials: &Credentials) {
         membership::ask(&self.session, credentials, news(&self.inbox));
+    }
+
+    /// Asks another agent for newer certificates; [`Event::News`] is the answer, if there are some.
+    pub(crate) fn ask_for_certificates(&self, partner: &AgentId, credentials: &Credentials) {
+        let tell = news(&self.inbox);
+        let tell = move |certificates| tell(News::Certificates(certificates));
+        renewal::ask(&self.session, partner, credentials, tell);
     }
 
     /// What has happened, if anything has.
@@ -354,7 +365,7 @@ impl Inbox {
     }
 }
 
-/// Where news of rosters go.
+/// Where news of rosters and certificates go.
 fn news(inbox: &Arc<Inbox>) -> impl Fn(News) + Send + Sync + 'static {
     let inbox = Arc::clone(inbox);
     move |news| inbox.put(Event::News(news))

@@ -3,7 +3,8 @@
 //!
 //! This file has the command line. `agent.rs` is the loop, `carrier.rs` and `about.rs` all that knows Zenoh, `local.rs` what processes
 //! of this machine want, `link.rs` one link, `starters.rs` what starts programs for other machines, `credentials.rs` how machines
-//! come to belong together, `membership.rs` how they learn that this has changed, `access.rs` what each of them may say,
+//! come to belong together, `membership.rs` how they learn that this has changed, `renewal.rs` how they get certificates that end later, `access.rs` what each
+//! of them may say,
 //! `replies.rs` where queries of others are answered.
 
 #![forbid(unsafe_code)]
@@ -19,6 +20,7 @@ mod local;
 mod membership;
 mod options;
 mod others;
+mod renewal;
 mod replies;
 mod router;
 mod starters;
@@ -46,6 +48,14 @@ impl Failure {
     fn hint(self, hint: impl Into<String>) -> Self {
         Self { hint: Some(hint.into()), ..self }
     }
+
+    /// Tells the user.
+    fn tell(&self) {
+        eprintln!("error: {self}");
+        if let Some(hint) = &self.hint {
+            eprintln!("  hint: {hint}");
+        }
+    }
 }
 
 fn main() -> ExitCode {
@@ -60,10 +70,7 @@ fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("error: {failure}");
-            if let Some(hint) = failure.hint {
-                eprintln!("  hint: {hint}");
-            }
+            failure.tell();
             ExitCode::FAILURE
         }
     }

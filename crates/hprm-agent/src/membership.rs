@@ -19,7 +19,8 @@ use zenoh::query::{ConsolidationMode, QueryTarget, Queryable};
 
 use crate::Failure;
 use crate::access::ROSTER;
-use crate::credentials::Credentials;
+use crate::credentials::{Certificate, Credentials};
+use crate::renewal::Rounds;
 use crate::replies::Replies;
 
 /// How often other agents are asked, and how often at most.
@@ -29,13 +30,15 @@ const AT_MOST: Nanos = 500_000_000;
 /// How long they may take.
 const ANSWER: Duration = Duration::from_secs(5);
 
-/// What others say of rosters.
+/// What others say of rosters and certificates.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) enum News {
     /// One of them has a newer roster.
     IsOld,
     /// A newer roster.
     Roster(Vec<u8>),
+    /// Certificates of machines that end later than those that are known.
+    Certificates(Vec<Certificate>),
 }
 
 /// See the module.
@@ -44,6 +47,8 @@ pub(crate) struct Membership {
     changes: OwnedFd,
     asked: PhysicalTime,
     ask_at: PhysicalTime,
+    /// When others are asked for certificates.
+    pub(crate) rounds: Rounds,
 }
 
 impl Membership {
@@ -57,12 +62,15 @@ impl Membership {
         let changes = watched.map_err(|error| {
             Failure::new(format!("the agent cannot watch {}: {error}", folder.display()))
         })?;
-        Ok(Self { credentials, changes, asked: now, ask_at: now.plus(AT_MOST) })
+        // Only now, because it may change meanwhile.
+        look_at_bundle(&credentials);
+        let rounds = Rounds::new(now);
+        Ok(Self { credentials, changes, asked: now, ask_at: now.plus(AT_MOST), rounds })
     }
 
     /// When others are to be asked.
     pub(crate) fn next_wakeup(&self) -> PhysicalTime {
-        self.ask_at
+        self.ask_at.min(self.rounds.next_wakeup())
     }
 
     /// Whether others are to be asked now. It is taken as done.
@@ -80,11 +88,12 @@ impl Membership {
         match news {
             News::IsOld => self.ask_at = self.ask_at.min(self.asked.plus(AT_MOST)),
             News::Roster(text) => self.credentials.learn(text)?,
+            News::Certificates(news) => self.credentials.keep_certificates(news.clone())?,
         }
         Ok(())
     }
 
-    /// Whether the roster has changed since the last look.
+    /// Whether the roster or the certificate of this machine has changed since the last look.
     ///
     /// # Errors
     ///
@@ -95,12 +104,18 @@ impl Membership {
         while rustix::io::read(&self.changes, &mut [0; 4096]).is_ok_and(|count| count > 0) {
             has_changed = true;
         }
+        if has_changed {
+            look_at_bundle(&self.credentials);
+        }
         if !has_changed || !self.credentials.is_stale() {
             return Ok(false);
         }
-        match Credentials::read() {
+        match self.credentials.read_again() {
             Ok(Some(credentials)) => {
                 credentials.check_membership()?;
+                if let Some(date) = credentials.renewed_since(&self.credentials) {
+                    eprintln!("the certificate of {} is renewed until {date}", credentials.name());
+                }
                 self.credentials = credentials;
                 Ok(true)
             }
@@ -117,6 +132,17 @@ impl Membership {
 impl AsFd for Membership {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.changes.as_fd()
+    }
+}
+
+/// Takes the certificates in the folder, of which one may be for this machine.
+fn look_at_bundle(credentials: &Credentials) {
+    let looked = credentials.look_at_bundle();
+    // Whatever was put there, what was known holds.
+    for failure in
+        [looked, credentials.keep_certificates(Vec::new())].into_iter().filter_map(Result::err)
+    {
+        failure.tell();
     }
 }
 

@@ -10,7 +10,7 @@ use clap::Parser;
 use hprm::agent::is_name;
 
 use crate::Failure;
-use crate::credentials::{Credentials, Word};
+use crate::credentials::{Credentials, Word, lifetime_of, now};
 use crate::limits::Limits;
 
 /// Lead links between processes of federations on different machines, through Zenoh.
@@ -97,7 +97,7 @@ impl Arguments {
     pub(crate) fn check(self) -> Result<Options, Failure> {
         let credentials = match self.tls_cert {
             Some(_) => None,
-            None => Credentials::open()?,
+            None => Credentials::open_newest()?,
         };
         let name = name(self.name, credentials.as_ref())?;
         if !is_name(&name) {
@@ -121,6 +121,9 @@ impl Arguments {
             true if tls.is_some() => vec!["0.0.0.0:7650".to_owned()],
             true => vec!["127.0.0.1:7650".to_owned()],
         };
+        if let Some(tls) = tls.as_ref().filter(|_| credentials.is_none()) {
+            lifetime_of(&name, tls).map_or(Ok(()), |it| it.check(now()))?;
+        }
         for file in tls.iter().flat_map(|tls| [&tls.cert, &tls.key, &tls.ca]) {
             std::fs::read(file).map_err(|error| {
                 Failure::new(format!("cannot read {}: {error}", file.display()))

@@ -59,6 +59,11 @@ impl Others {
         *self = Self::default();
     }
 
+    /// The agents that are reached without a router.
+    pub(crate) fn direct(&self) -> Vec<AgentId> {
+        self.direct.iter().cloned().collect()
+    }
+
     /// Whether the agent of a machine is reached without a router.
     pub(crate) fn reaches(&self, machine: &str) -> bool {
         self.direct.iter().any(|agent| agent.machine == machine)

@@ -4,6 +4,7 @@ use std::env;
 use std::io::ErrorKind;
 use std::os::unix::process::CommandExt;
 use std::process::{Command, ExitCode};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use hprm::agent::{About, ClockReading, Machine, machines as ask};
 use serde_json::json;
@@ -29,7 +30,7 @@ fn show(json: bool) -> Result<ExitCode, Error> {
     let machines = ask().map_err(|error| Error::new(message::reason(&error)))?;
     match json {
         true => print_line(&json!({ "machines": machines }).to_string()),
-        false => print_line(&table(&machines)),
+        false => print_line(&table(&machines, now())),
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -37,8 +38,44 @@ fn show(json: bool) -> Result<ExitCode, Error> {
 const TITLES: [&str; 7] =
     ["machine", "version", "processors", "memory", "clock", "federations", "listens at"];
 
-fn table(machines: &[Machine]) -> String {
-    columns::text(&TITLES, machines.iter().map(row).collect())
+/// The column that is there when a certificate ends soon.
+const CERTIFICATE: &str = "certificate";
+
+const DAY: i64 = 24 * 60 * 60;
+
+/// From how many days before its end on a certificate is shown.
+const SHOWN_DAYS: i64 = 30;
+
+/// The machines at a moment, in seconds since 1970.
+fn table(machines: &[Machine], now: i64) -> String {
+    let ends: Vec<_> = machines.iter().map(|machine| certificate(machine, now)).collect();
+    let mut rows: Vec<_> = machines.iter().map(row).collect();
+    let mut titles = TITLES.to_vec();
+    if ends.iter().any(Option::is_some) {
+        titles.push(CERTIFICATE);
+        for (row, end) in rows.iter_mut().zip(ends) {
+            row.push(end.unwrap_or_else(|| "-".to_owned()));
+        }
+    }
+    columns::text(&titles, rows)
+}
+
+/// When the certificate of a machine ends, if that is soon.
+fn certificate(machine: &Machine, now: i64) -> Option<String> {
+    let left = machine.about.as_ref()?.certificate_ends? - now;
+    match left / DAY {
+        _ if left <= 0 => Some("has ended".to_owned()),
+        0 => Some("ends within a day".to_owned()),
+        1 => Some("ends in 1 day".to_owned()),
+        days if left <= SHOWN_DAYS * DAY => Some(format!("ends in {days} days")),
+        _ => None,
+    }
+}
+
+/// In seconds since 1970.
+fn now() -> i64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_secs()).unwrap_or(i64::MAX)
 }
 
 fn row(machine: &Machine) -> Vec<String> {
@@ -50,7 +87,7 @@ fn row(machine: &Machine) -> Vec<String> {
     let way = machine.through.as_ref().map(|router| format!(" (through {router})"));
     let mut cells = vec![name + &way.unwrap_or_default()];
     match &machine.about {
-        Some(About { version, addresses, processors, memory, federations }) => cells.extend([
+        Some(About { version, addresses, processors, memory, federations, .. }) => cells.extend([
             version.clone(),
             processors.to_string(),
             bytes(*memory),
@@ -109,6 +146,7 @@ mod tests {
             processors: 4,
             memory: 8_000_000_000,
             federations: vec!["Vision".to_owned(), "Arm".to_owned()],
+            certificate_ends: Some(1_000 * DAY),
         };
         let machine = |name: &str, about, clock| Machine {
             name: name.to_owned(),
@@ -119,18 +157,30 @@ mod tests {
         };
         let clock = ClockReading { offset: 1_500_000, bound: 200_000 };
         let alone = About { federations: Vec::new(), ..about.clone() };
-        let shown = table(&[
+        let machines = [
             machine("robot1", Some(alone), None),
             machine("robot2", Some(about.clone()), Some(clock)),
             machine("robot3", None, None),
             machine("robot4", Some(about), Some(clock)),
-        ]);
+        ];
         let expected = "\
 machine                   version  processors   memory             clock  federations      listens at
 robot1 (this machine)       0.1.0           4  8.00 GB                 -            -  192.0.2.1:7650
 robot2                      0.1.0           4  8.00 GB  +1.50 ms ±200 us  Vision, Arm  192.0.2.1:7650
 robot3 (does not answer)        -           -        -                 -            -               -
 robot4 (through robot2)     0.1.0           4  8.00 GB  +1.50 ms ±200 us  Vision, Arm  192.0.2.1:7650";
-        assert_eq!(shown, expected);
+        assert_eq!(table(&machines, 0), expected);
+        let lines = table(&machines, 970 * DAY);
+        let ends: Vec<_> = lines.lines().map(|line| line[line.len() - 15..].trim()).collect();
+        let soon = "ends in 30 days";
+        assert_eq!(ends, ["certificate", soon, soon, "-", soon]);
+        for (now, expected) in [
+            (970 * DAY - 1, None),
+            (998 * DAY + 1, Some("ends in 1 day")),
+            (999 * DAY + 1, Some("ends within a day")),
+            (1_000 * DAY, Some("has ended")),
+        ] {
+            assert_eq!(certificate(&machines[0], now).as_deref(), expected);
+        }
     }
 }

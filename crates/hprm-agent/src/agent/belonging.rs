@@ -1,4 +1,4 @@
-//! What an agent does when the roster changes: Zenoh's access control is that of a session, so it opens another one.
+//! What an agent does when the roster changes, or its certificate: Zenoh has both from when a session is opened, so it opens another one.
 //!
 //! Links outlive that, as they outlive a network that breaks for a moment; those to machines that were taken out end.
 
@@ -10,15 +10,16 @@ use hprm_federated::relay::Input;
 
 use super::Agent;
 use crate::Failure;
+use crate::credentials::{Credentials, lifetime_of, renew_due};
 use crate::membership::News;
 use crate::options::Options;
 
 impl Agent {
-    /// Takes what another agent says of rosters.
+    /// Takes what another agent says of rosters and certificates.
     pub(super) fn hear(&mut self, news: &News) {
         let Some(membership) = &mut self.membership else { return };
         if let Err(failure) = membership.hear(news) {
-            // The others refuse who is not on the roster, too.
+            // The others refuse who is not on the roster, too, and the old certificate is valid for a while.
             eprintln!("error: {failure}");
         }
     }
@@ -37,7 +38,26 @@ impl Agent {
         if membership.is_to_ask(Clock::local()) {
             self.carrier.ask_for_roster(&membership.credentials);
         }
+        if let Some(partner) = membership.rounds.partner(Clock::local(), &self.others.direct()) {
+            self.carrier.ask_for_certificates(&partner, &membership.credentials);
+        }
         Ok(())
+    }
+
+    /// Has the user know of a certificate that ends, once a day; the agent of the authority's user renews those of machines.
+    pub(super) fn look_at_ends(&mut self, options: &Options) {
+        let now = Clock::local();
+        if now < self.daily.next_wakeup() {
+            return;
+        }
+        let credentials = self.membership.as_ref().map(|it| &it.credentials);
+        match credentials.map(renew_due).transpose() {
+            Ok(renewed) => renewed.flatten().iter().for_each(|told| eprintln!("{told}")),
+            Err(failure) => failure.tell(),
+        }
+        let own = || lifetime_of(&options.name, options.tls.as_ref()?);
+        let lifetime = credentials.map(Credentials::lifetime).or_else(own);
+        self.daily.look(now, lifetime.as_ref());
     }
 
     fn reopen(&mut self, options: &Options) -> Result<(), Failure> {

@@ -5,6 +5,8 @@
 //! ~/.config/hprm/authority/   authority.pem, authority.key, roster.json: those of an authority
 //! ```
 //!
+//! In both folders, `certificates.pem` has the certificates of all machines, as far as they are known.
+//!
 //! Keys are made here and stay here. A file is complete or it is not there; one with a key can be read by its user alone.
 
 use std::fs::{self, DirBuilder, File};
@@ -16,8 +18,9 @@ use rustix::fs::{FlockOperation, flock};
 
 use crate::Failure;
 
-/// The most bytes of a file of credentials.
-const LIMIT: u64 = 2 << 20;
+/// The most bytes of a file of credentials: the certificates of all machines are the longest.
+const LIMIT: u64 = 4 << 20;
+const _: () = assert!(LIMIT > super::bundle::LIMIT as u64);
 
 /// The folder of that name of this user.
 pub(super) fn folder(name: &str) -> Result<PathBuf, Failure> {

@@ -13,6 +13,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use super::authority::Authority;
 use super::code::Code;
 use super::exchange::{ATTEMPTS, GREETING, Invitation, MAGIC, Nonce, REQUEST_LIMIT, Refusal, Said};
+use super::lifetime::now;
 use crate::Failure;
 
 /// How many connections may be open; the oldest makes room for another one.
@@ -143,7 +144,7 @@ impl Host {
                 return Ok(false);
             }
         };
-        let admitted = authority.admit(&request.name, self.is_router, &request.request);
+        let admitted = authority.admit(&request.name, self.is_router, &request.request, now());
         let admission = admitted.inspect_err(|_| refuse(&one.stream, Refusal::Failed))?;
         let answer = self.invitation.answer(&one.nonce, &said, &admission);
         let sent = one.stream.set_nonblocking(false);

@@ -6,6 +6,8 @@
 //!
 //! How rosters travel is the business of `membership.rs`.
 
+use std::collections::BTreeSet;
+
 use ring::rand::SystemRandom;
 use ring::signature::EcdsaKeyPair;
 use ring::signature::{ECDSA_P256_SHA256_ASN1, ECDSA_P256_SHA256_ASN1_SIGNING, UnparsedPublicKey};
@@ -46,6 +48,11 @@ impl Roster {
     /// The member with a name, if there is one.
     pub(crate) fn member(&self, name: &str) -> Option<&Member> {
         self.machines.iter().find(|member| member.name == name)
+    }
+
+    /// The subjects of all certificates that count.
+    pub(super) fn subjects(&self) -> BTreeSet<&str> {
+        self.machines.iter().map(|member| &*member.subject).collect()
     }
 
     /// Whether a machine is a member and a router.

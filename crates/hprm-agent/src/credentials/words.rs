@@ -1,4 +1,5 @@
-//! The words of the command that are about credentials: `hprm agent authority`, `invite`, `enroll` and `revoke`.
+//! The words of the command that are about credentials: `hprm agent authority`, `invite`, `enroll`,
+//! `revoke` and `renew`.
 
 use std::io::Write;
 use std::time::Duration;
@@ -6,8 +7,9 @@ use std::time::Duration;
 use clap::{Args, Subcommand};
 use hprm::agent::is_name;
 
-use super::authority::{self, Authority};
-use super::{Credentials, enroll, invite};
+use super::authority::{self, Authority, Renewed, Which};
+use super::lifetime::date;
+use super::{CERTIFICATES, Credentials, enroll, invite, now};
 use crate::Failure;
 use crate::options::host_name;
 
@@ -22,6 +24,8 @@ pub(crate) enum Word {
     Enroll(Enroll),
     /// Take a machine out: all others refuse it from now on
     Revoke(Revoke),
+    /// Sign the certificates of machines again, so that they are valid for another year
+    Renew(Renew),
 }
 
 #[derive(Args, Debug)]
@@ -66,6 +70,12 @@ pub(crate) struct Revoke {
     machine: String,
 }
 
+#[derive(Args, Debug)]
+pub(crate) struct Renew {
+    /// The names of the machines; by default all of them
+    machines: Vec<String>,
+}
+
 fn minutes(text: &str) -> Result<f64, String> {
     let minutes = text.parse::<f64>().ok();
     let minutes = minutes.filter(|minutes| *minutes > 0.0 && *minutes <= 24.0 * 60.0);
@@ -83,15 +93,16 @@ pub(crate) fn run(word: &Word) -> Result<(), Failure> {
         Word::Invite(options) => admit(options),
         Word::Enroll(options) => join(options),
         Word::Revoke(options) => revoke(options),
+        Word::Renew(options) => renew(options),
     }
 }
 
 fn make(options: &AuthorityOptions) -> Result<(), Failure> {
     let name = options.name.clone().unwrap_or_else(host_name);
     check(&name)?;
-    let mut authority = Authority::make()?;
+    let mut authority = Authority::make(now())?;
     let (key, request) = authority::request(&name)?;
-    let admission = authority.admit(&name, options.router, &request)?;
+    let admission = authority.admit(&name, options.router, &request, now())?;
     let credentials = Credentials::keep(&key, &admission)?;
     say(&format!(
         "the authority is in {}: whoever reads its key can be any machine\n\
@@ -143,6 +154,67 @@ fn revoke(options: &Revoke) -> Result<(), Failure> {
         "{machine} is revoked: machines refuse it that can reach this one's agent, or one that knows\n"
     ));
     Ok(())
+}
+
+fn renew(options: &Renew) -> Result<(), Failure> {
+    let which = match &*options.machines {
+        [] => Which::All,
+        machines => Which::Named(machines),
+    };
+    let mut authority = Authority::open()?;
+    let (renewed, is_spread) = sign_again(&mut authority, &which)?;
+    if !renewed.machines.is_empty() {
+        let path = authority.folder().join(CERTIFICATES);
+        let path = path.display();
+        say(&format!("{}\n", told(&renewed, &authority)));
+        say(&match is_spread {
+            true => "machines take their certificates when they reach this one's agent, or one that knows\n".to_owned(),
+            false => format!("copy {path} into ~/.config/hprm/agent of any machine; its agent tells the others\n"),
+        });
+    }
+    if renewed.unknown.is_empty() {
+        return Ok(());
+    }
+    let names = renewed.unknown.join(", ");
+    Err(Failure::new(format!("not renewed, because their certificates are not known here: {names}"))
+        .hint("run the agent of this machine while theirs are connected, and try again; or invite them again"))
+}
+
+/// Renews the certificates that end soonest, if this user has the authority of these credentials. Returns what was done.
+///
+/// # Errors
+///
+/// If they cannot be renewed.
+pub(crate) fn renew_due(credentials: &Credentials) -> Result<Option<String>, Failure> {
+    let Some(mut authority) = Authority::find()? else { return Ok(None) };
+    if authority.public_key() != credentials.authority.key {
+        return Ok(None);
+    }
+    let (renewed, _) = sign_again(&mut authority, &Which::Due)?;
+    Ok((!renewed.machines.is_empty()).then(|| told(&renewed, &authority)))
+}
+
+/// Returns what was done, and whether the agent of this machine has it.
+fn sign_again(authority: &mut Authority, which: &Which<'_>) -> Result<(Renewed, bool), Failure> {
+    // Credentials of this machine that cannot be used are no reason not to renew certificates of others.
+    let credentials = Credentials::read().ok().flatten();
+    let known = credentials.as_ref().and_then(|it| it.certificates_beside(""));
+    let renewed = authority.renew(which, known.unwrap_or_default().as_bytes(), now())?;
+    let credentials = credentials.filter(|it| it.authority.key == authority.public_key());
+    if let Some(credentials) = &credentials {
+        let news = credentials.news(authority.certificates().as_bytes());
+        credentials.keep_certificates(news.map_err(Failure::new)?)?;
+    }
+    Ok((renewed, credentials.is_some()))
+}
+
+fn told(renewed: &Renewed, authority: &Authority) -> String {
+    let (names, ends) = (renewed.machines.join(", "), date(renewed.ends));
+    let last = match renewed.ends == authority.ends() {
+        true => " (as that of the authority, after which all machines enroll with another one)",
+        false => "",
+    };
+    format!("renewed until {ends}{last}: {names}")
 }
 
 /// Gives the roster to the agent of this machine, if it has that authority; it tells the others.

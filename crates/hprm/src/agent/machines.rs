@@ -33,6 +33,9 @@ pub struct About {
     pub memory: u64,
     /// The names of the federations of the agent's user that have processes there.
     pub federations: Vec<String>,
+    /// Until when the certificate of the machine is valid, in seconds since 1970; none if it has none.
+    #[serde(default)]
+    pub certificate_ends: Option<i64>,
 }
 
 /// What the clock of a machine shows beside another one, found from round trips.
