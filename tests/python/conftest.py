@@ -11,19 +11,19 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import free_threaded
+import interpreters
 import pytest
 from processes import Bench, names_in_shared_memory, stores, until
 
 # Most processes of the tests import NumPy, and none needs the threads that its BLAS would start.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-collect_ignore = free_threaded.left_out()
+collect_ignore = interpreters.left_out()
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
-    """Leave out what cannot pass on an interpreter without a global lock."""
-    free_threaded.skip(item)
+    """Leave out what cannot pass on this interpreter."""
+    interpreters.skip(item)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from free_threaded import FREE_THREADED
+from interpreters import FREE_THREADED
 from processes import Bench, finish, hear, until
 from snippets import TELL
 

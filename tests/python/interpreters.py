@@ -1,7 +1,8 @@
-"""What tests leave out on an interpreter without a global lock, for reasons that are not ours."""
+"""What tests leave out on some interpreters, for reasons that are not ours."""
 
 from __future__ import annotations
 
+import sys
 import sysconfig
 from importlib.util import find_spec
 
@@ -30,7 +31,7 @@ _NEEDED = {
         "[howto/rclpy.md]",
     ],
 }
-# By reason.
+# By reason, without a global lock.
 _DIFFERENT = {
     "the interpreter reserves address space in advance": [
         "test_a_receiver_without_memory_for_the_value_says_so"
@@ -57,8 +58,12 @@ def skip(item: pytest.Item) -> None:
 
 
 def _reasons() -> list[tuple[str, str]]:
-    if not FREE_THREADED:
-        return []
+    newer = [("[howto/debugging.md]", "`breakpoint()` stops elsewhere since Python 3.13")]
+    by_version = newer if sys.version_info >= (3, 13) else []
+    return by_version + (_reasons_without_lock() if FREE_THREADED else [])
+
+
+def _reasons_without_lock() -> list[tuple[str, str]]:
     missing = {
         f"there is no build of {package}": parts
         for package, parts in _NEEDED.items()
