@@ -109,7 +109,7 @@ pub(crate) fn declare(
         let declared = session.declare_queryable(key).callback(move |query| {
             let here = Arc::clone(&here);
             replies.give(move || {
-                let reply = Reply { about: here.about(), clock: Clock::local().0 };
+                let reply = Reply { about: here.about(), clock: Clock::of_new_processes().0 };
                 let reply = serde_json::to_vec(&reply).expect("it has texts and numbers only");
                 // If it does not arrive, the other agent does not wait for ever.
                 let _ = query.reply(query.key_expr().clone(), reply).wait();
@@ -164,12 +164,13 @@ fn gather(session: &zenoh::Session, others: &[Reached]) -> Vec<Machine> {
                 continue;
             }
             let answers = answers_in.clone();
-            let sent = Clock::local().0;
+            // What programs have that start now: the time of either machine may have been set since its agent has started.
+            let (sent, began) = (Clock::of_new_processes().0, Clock::local());
             let asked = session
                 .get(router::key(router.as_deref(), &format!("about/{agent}")))
                 .timeout(ANSWER)
                 .callback(move |reply| {
-                    let answered = Clock::local().0;
+                    let answered = sent.saturating_add(Clock::local().since(began));
                     let Ok(sample) = reply.result() else { return };
                     let text = sample.payload().to_bytes();
                     if text.len() <= REPLY_LIMIT

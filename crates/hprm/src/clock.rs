@@ -55,6 +55,13 @@ impl Clock {
         PhysicalTime(local + DISTURBANCE.load(Ordering::Relaxed))
     }
 
+    /// The time now by the clock of this machine as a process has it that starts now. It may go back: the machine's time may
+    /// have been set since this process has started.
+    #[must_use]
+    pub fn of_new_processes() -> PhysicalTime {
+        PhysicalTime(read(ClockId::Realtime) + DISTURBANCE.load(Ordering::Relaxed))
+    }
+
     /// The monotonic clock of this machine, in nanoseconds: the same for all of its processes.
     pub(crate) fn monotonic() -> Nanos {
         read(ClockId::Monotonic)
@@ -101,6 +108,12 @@ mod tests {
     use hprm_federated::Correction;
 
     use super::Clock;
+
+    #[test]
+    fn a_process_that_starts_now_has_the_same_time() {
+        let ahead = Clock::of_new_processes().since(Clock::local());
+        assert!(ahead.abs() < 60_000_000_000, "{ahead} ns, or the time of this machine was set");
+    }
 
     #[test]
     fn never_goes_back_however_it_is_corrected() {
