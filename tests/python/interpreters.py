@@ -42,6 +42,11 @@ _DIFFERENT = {
     "pyarrow waits for ever where threads use it at once for the first time": [
         "test_a_value_of_every_kind_is_the_same_in_every_deployment",
     ],
+    "`apsw` turns the lock on, and the interpreter warns": [
+        "test_ros_bags.py",
+        "test_ros_bag_nodes.py",
+        "test_ros_bag_programs.py",
+    ],
     "an array of a thread is copied": [
         "test_an_array_that_only_a_message_has_is_not_copied[False]",
     ],
