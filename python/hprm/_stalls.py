@@ -25,14 +25,17 @@ def stack(thread: int) -> str | None:
     frame = sys._current_frames().get(thread)
     if frame is None:
         return None
-    frames = _of_body(list(traceback.extract_stack(frame)))
-    return printable("".join(traceback.format_list(frames[-_DEPTH:])))
+    return _shown(_of_body(list(traceback.extract_stack(frame))))
 
 
 def with_code(lines: str) -> str:
     """Return frames that ``faulthandler`` has written as a traceback shows them."""
     found = re.findall(r'^  File "(.*)", line (\d+) in (.*)$', lines, re.MULTILINE)
     frames = [traceback.FrameSummary(path, int(line), name) for path, line, name in found]
+    return _shown(frames)
+
+
+def _shown(frames: list[traceback.FrameSummary]) -> str:
     return printable("".join(traceback.format_list(frames[-_DEPTH:])))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import sysconfig
+from functools import cache
 from importlib.util import find_spec
 
 import pytest
@@ -65,6 +66,7 @@ def skip(item: pytest.Item) -> None:
             item.add_marker(pytest.mark.skip(reason=reason))
 
 
+@cache
 def _reasons() -> list[tuple[str, str]]:
     newer = [("[howto/debugging.md]", "`breakpoint()` stops elsewhere since Python 3.13")]
     by_version = newer if sys.version_info >= (3, 13) else []

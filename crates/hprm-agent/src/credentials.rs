@@ -97,7 +97,7 @@ impl Credentials {
         }
         files::check_key(&folder.join(KEY))?;
         let unusable = |file: &str, why: String| {
-            Failure::new(format!("cannot use {}: {why}", folder.join(file).display()))
+            files::unusable(&folder.join(file), &why)
                 .hint("enroll this machine again: hprm agent enroll --authority HOST:PORT")
         };
         let certificate = Certificate::read(&files::read(&folder.join(CERTIFICATE))?)
@@ -263,7 +263,7 @@ impl Credentials {
             files::write(&path, text.as_bytes())?;
         }
         drop(lock);
-        self.adopt().map(drop)
+        self.adopt()
     }
 
     /// Takes what is in the folder of certificates of machines.
@@ -277,28 +277,27 @@ impl Credentials {
             return Ok(());
         }
         let news = self.news(files::read(&path)?.as_bytes());
-        let unusable = |why| {
-            let text = format!("cannot use {}: {why}", path.display());
-            Failure::new(text)
+        let unusable = |why: String| {
+            files::unusable(&path, &why)
                 .hint("what was known takes its place; copy the file of this machine's authority")
         };
         self.bundle().take(news.map_err(unusable)?);
         Ok(())
     }
 
-    /// Takes the certificate of this machine that ends last, if it is not the one that there is. Returns whether that is so.
-    fn adopt(&self) -> Result<bool, Failure> {
+    /// Takes the certificate of this machine that ends last, if it is not the one that there is.
+    fn adopt(&self) -> Result<(), Failure> {
         let lock = files::lock(&self.folder)?;
         let path = self.folder.join(CERTIFICATE);
         // This machine may have been enrolled again meanwhile, with another key.
         let here = Certificate::read(&files::read(&path)?).map_err(Failure::new)?;
         let newest = self.bundle().get(&here.subject).cloned();
         let newest = newest.filter(|one| one.key == here.key && one.ends > here.ends);
-        if let Some(newest) = &newest {
+        if let Some(newest) = newest {
             files::write(&path, newest.pem().as_bytes())?;
         }
         drop(lock);
-        Ok(newest.is_some())
+        Ok(())
     }
 
     fn bundle(&self) -> MutexGuard<'_, Bundle> {

@@ -275,16 +275,13 @@ impl Authority {
 
     fn reload(&mut self) -> Result<(), Failure> {
         let path = self.folder.join("roster.json");
-        let unusable = |path: &Path, why: String| {
-            Failure::new(format!("cannot use {}: {why}", path.display()))
-        };
         let read = Roster::read(files::read(&path)?.as_bytes(), &self.anchor.key);
-        self.roster = read.map_err(|why| unusable(&path, why))?;
+        self.roster = read.map_err(|why| files::unusable(&path, &why))?;
         self.bundle = Bundle::default();
         let path = self.folder.join(CERTIFICATES);
         if path.exists() {
             let read = self.bundle.news(files::read(&path)?.as_bytes(), &self.roster, &self.anchor);
-            self.bundle.take(read.map_err(|why| unusable(&path, why))?);
+            self.bundle.take(read.map_err(|why| files::unusable(&path, &why))?);
         }
         Ok(())
     }

@@ -72,6 +72,11 @@ fn remove(path: &Path) -> io::Result<()> {
     }
 }
 
+/// That what is in a file is of no use.
+pub(super) fn unusable(path: &Path, why: &str) -> Failure {
+    Failure::new(format!("cannot use {}: {why}", path.display()))
+}
+
 /// Reads a file.
 pub(super) fn read(path: &Path) -> Result<String, Failure> {
     use std::io::Read;
