@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import random
@@ -307,11 +308,15 @@ def test_an_agent_that_ends_tells_the_other_one(machines: Machines, coordination
     assert finish(machines.agents["robot2"])[0] == 0
     outcomes = [finish(process) for process in [rti, *federates]]
     assert [code for code, _, _ in outcomes] == [1, 1, 1, 1]
-    machines.agents["robot1"].terminate()
-    _, _, err = finish(machines.agents["robot1"])
     # Two federates of that machine have links to the RTI, and direct ones to the third federate.
     links = 2 if coordination == "centralized" else 4
-    assert err.count("the agent of robot2 has ended") == links, err
+    agent = machines.agents["robot1"]
+    assert agent.stderr is not None
+    # The processes end with the first link; the agent may hear of the others later.
+    for line in itertools.islice(agent.stderr, links):
+        assert "the agent of robot2 has ended" in line
+    agent.terminate()
+    assert finish(agent)[::2] == (0, "")
 
 
 def test_bytes_that_are_no_packets_and_idle_connections_disturb_nothing(machines: Machines) -> None:

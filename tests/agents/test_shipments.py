@@ -31,9 +31,10 @@ reactor Source {{
   reaction(t) -> out {{=
     self.count += 1
     out.set(np.full({LENGTH // 8}, self.count))
-    if self.count == 2: print("running", flush=True)
   =}}
   reaction(answers) {{=
+    # Both links of this federate are open now, in both directions.
+    if not self.received: print("running", flush=True)
     self.received += [answer.value for answer in answers if answer.is_present]
   =}}
   reaction(shutdown) {{= print(len(self.received), sum(self.received)) =}}
