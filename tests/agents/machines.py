@@ -104,6 +104,8 @@ class Machines:
     agents: dict[str, subprocess.Popen[str]] = field(default_factory=dict)
     authority: str = "robot1"
     sockets: list[socket.socket] = field(default_factory=list)
+    #: What processes find in their environment besides.
+    environment: dict[str, str] = field(default_factory=dict)
 
     def spawn(
         self, machine: str, *command: str, stdin: int = subprocess.DEVNULL
@@ -114,6 +116,7 @@ class Machines:
             self.entered(machine, command),
             cwd=self.folder,
             env=os.environ
+            | self.environment
             | {
                 "HPRM_AGENT": address,
                 "XDG_CACHE_HOME": str(self.folder / f"cache-{machine}"),

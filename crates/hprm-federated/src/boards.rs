@@ -17,11 +17,12 @@
 //! board that counts it. How boards get from one process to another is up to the driver.
 
 use hprm_core::{ChannelId, FederateId, Table, Tag};
+use serde::{Deserialize, Serialize};
 
 use crate::{Step, Topology};
 
 /// How many messages one end of a channel has counted, and the tag of the last one.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub struct Tally {
     /// How many.
     pub messages: u64,
@@ -68,7 +69,7 @@ pub(crate) fn readings(topology: &Topology) -> Vec<Reading> {
 }
 
 /// What a federate shows of itself.
-#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 pub struct Posting {
     /// Before this step it does nothing, unless a message reaches it that it has not counted.
     pub next: Step,
@@ -112,6 +113,8 @@ pub(crate) struct Boards {
     stop: Tag,
     /// The federates downstream of this one.
     downstream: Vec<FederateId>,
+    /// Which federates share memory with this one, so that their boards are read as soon as they change.
+    near: Table<FederateId, bool>,
     /// The federates from which something leads to this one, the furthest first.
     upstream: Vec<FederateId>,
     /// The same for this federate and all downstream.
@@ -178,10 +181,18 @@ impl Boards {
             upstream: leading_to_any(topology, &[me]),
             around: leading_to_any(topology, &downstream),
             downstream: downstream.into_iter().filter(|other| *other != me).collect(),
+            near: Table::filled(federates, true),
             known: None,
             counted: false,
             unshown: 0,
         }
+    }
+
+    /// The boards of the others are in another memory than that of this federate.
+    #[must_use]
+    pub(crate) fn with_elsewhere(mut self, others: impl Iterator<Item = FederateId>) -> Self {
+        others.for_each(|other| self.near[other] = false);
+        self
     }
 
     /// What this federate shows.
@@ -276,25 +287,41 @@ impl Boards {
     /// read.
     pub(crate) fn known(&mut self, topology: &Topology) -> Step {
         let known = self.known.unwrap_or_else(|| {
-            let arrivals = self.arrivals(topology, &self.upstream);
+            let arrivals = self.arrivals(topology, &self.upstream, |from| self.spontaneous(from));
             self.through(self.me, &arrivals)
         });
         self.known = Some(known);
         known
     }
 
-    /// The federates that wait, and need not wait any more because of what this federate shows.
+    /// For which step a federate shows that it waits, if it does.
+    pub(crate) fn awaited_by(&self, federate: FederateId) -> Option<Step> {
+        let Posting { waits, ended, .. } = self.postings[federate];
+        (waits > Step::NEVER && !ended).then_some(waits)
+    }
+
+    /// The federates that share memory with this one and wait, and need not wait any more because of what this
+    /// federate shows. What it knows of boards elsewhere may be old, so it takes those federates for ones that send
+    /// nothing: one that is woken up too early waits again.
     pub(crate) fn released(&self, topology: &Topology) -> Vec<FederateId> {
-        let waiting = |other: &FederateId| {
-            let Posting { waits, ended, .. } = self.postings[*other];
-            waits > Step::NEVER && !ended
-        };
-        let mut waiting: Vec<_> = self.downstream.iter().copied().filter(waiting).collect();
+        let is_waiting =
+            |other: &FederateId| self.near[*other] && self.awaited_by(*other).is_some();
+        let mut waiting: Vec<_> = self.downstream.iter().copied().filter(is_waiting).collect();
         if !waiting.is_empty() {
-            let arrivals = self.arrivals(topology, &self.around);
+            let source =
+                |from| if self.near[from] { self.spontaneous(from) } else { Step::FOREVER };
+            let arrivals = self.arrivals(topology, &self.around, source);
             waiting.retain(|it| self.postings[*it].waits <= self.through(*it, &arrivals));
         }
         waiting
+    }
+
+    /// How early a message can reach each federate, if this federate does nothing before a step, and no other one
+    /// does anything of its own accord.
+    pub(crate) fn caused_from(&self, next: Step, topology: &Topology) -> Table<FederateId, Step> {
+        let all: Vec<_> = topology.federates().collect();
+        let source = |from| if from == self.me { next } else { Step::FOREVER };
+        self.arrivals(topology, &all, source)
     }
 
     /// Through which step a federate knows everything, if messages that are still to be sent arrive as given.
@@ -306,14 +333,19 @@ impl Boards {
     ///
     /// Whatever a federate sends, it does of its own accord, or because of something that arrives there. Each way
     /// around leads to a later step, so the values settle after as many rounds as a way has federates; few, because
-    /// those upstream come first.
-    fn arrivals(&self, topology: &Topology, of: &[FederateId]) -> Table<FederateId, Step> {
+    /// those upstream come first. Before the step that `source` tells, a federate does nothing of its own accord.
+    fn arrivals(
+        &self,
+        topology: &Topology,
+        of: &[FederateId],
+        source: impl Fn(FederateId) -> Step,
+    ) -> Table<FederateId, Step> {
         let mut arrivals = Table::filled(self.postings.len(), Step::FOREVER);
         let mut settled = false;
         while !settled {
             settled = true;
             for from in of.iter().copied().filter(|from| !self.postings[*from].ended) {
-                let earliest = self.spontaneous(from).min(arrivals[from]);
+                let earliest = source(from).min(arrivals[from]);
                 for edge in topology.downstream(from) {
                     let arrival = edge.shift(earliest);
                     if arrival < arrivals[edge.federate] {

@@ -381,7 +381,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::{Attempt, Count, FederationId, HostId, Peer, Refusal, Step};
+    use crate::{Attempt, Count, FederationId, HostId, Peer, Posting, Refusal, Step, Tally};
 
     fn tag() -> impl Strategy<Value = Tag> {
         (any::<i64>(), any::<u32>()).prop_map(|(time, microstep)| Tag::new(time, microstep))
@@ -430,6 +430,17 @@ mod tests {
         })
     }
 
+    fn posting() -> impl Strategy<Value = Frame> {
+        let tally = (any::<u64>(), tag());
+        let tally = tally.prop_map(|(messages, latest)| Tally { messages, latest });
+        let parts = (step(), step(), any::<(bool, bool)>(), prop::collection::vec(tally, 0..4));
+        parts.prop_map(|(next, waits, (departs, ended), tallies)| Frame::Posting {
+            owner: FederateId(1),
+            reader: FederateId(2),
+            posting: Posting { next, waits, departs, ended, tallies },
+        })
+    }
+
     fn frame() -> impl Strategy<Value = Frame> {
         let peer = (any::<u16>(), any::<u32>(), any::<u128>(), any::<Option<String>>());
         let peer = peer.prop_map(|(federate, incarnation, host, listen)| Peer {
@@ -468,6 +479,7 @@ mod tests {
             }),
             1 => (step(), prop::collection::vec(count, 0..4))
                 .prop_map(|(next, counts)| Frame::Progress { next, counts }),
+            1 => posting(),
             1 => release.prop_map(|(id, serials)| Frame::Release {
                 owner: FederateId(id),
                 reader: FederateId(1),

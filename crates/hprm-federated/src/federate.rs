@@ -5,6 +5,7 @@
 //! input to the code for it, which is in `starting`, `meeting`, `messages` and `ending`.
 
 mod blockers;
+mod elsewhere;
 mod ending;
 mod meeting;
 mod messages;
@@ -427,10 +428,10 @@ impl Federate {
         match frame {
             Frame::Refused { reason } => self.end(End::Refused(reason)),
             Frame::Peers { peers, boards } if self.startup.awaits_peers() => {
+                self.set_peers(peers);
                 if boards {
                     self.use_boards();
                 }
-                self.set_peers(peers);
                 self.connect();
                 self.get_ready(now);
             }
@@ -461,19 +462,6 @@ impl Federate {
                     return unexpected;
                 }
             }
-            Frame::Segment { owner, reader, segment, len } if reader == self.me => {
-                self.outputs.push_back(Output::Segment { owner, segment, len });
-            }
-            Frame::Retired { owner, reader, segments } if reader == self.me => {
-                self.outputs.push_back(Output::Retired { owner, segments });
-            }
-            Frame::Release { owner, reader, serials } if owner == self.me => {
-                self.outputs.push_back(Output::Released { reader, serials });
-            }
-            Frame::Processed { channel, messages, bytes } => {
-                let reader = self.topology.channel(channel, Some(self.me), None)?.to;
-                self.flow.processed(reader, channel, messages, bytes);
-            }
             Frame::StopRequest { tag } => {
                 let current = self.current.max(self.first.pred());
                 if let Some(tag) = self.stop.reply(tag, current) {
@@ -490,7 +478,7 @@ impl Federate {
             Frame::Failed { federate, message, code } => {
                 self.end(End::Failed { federate, message, code });
             }
-            _ => return unexpected,
+            frame => return self.member_frame(None, frame),
         }
         Ok(())
     }
@@ -536,27 +524,39 @@ impl Federate {
                     machine.absent(channel, tag);
                 }
             }
-            Frame::Segment { owner, reader, segment, len }
-                if owner == from && reader == self.me =>
-            {
-                self.outputs.push_back(Output::Segment { owner, segment, len });
-            }
-            Frame::Retired { owner, reader, segments } if owner == from && reader == self.me => {
-                self.outputs.push_back(Output::Retired { owner, segments });
-            }
-            Frame::Release { owner, reader, serials } if owner == self.me && reader == from => {
-                self.outputs.push_back(Output::Released { reader, serials });
-            }
-            Frame::Processed { channel, messages, bytes } => {
-                self.topology.channel(channel, Some(self.me), Some(from))?;
-                self.flow.processed(from, channel, messages, bytes);
-            }
             Frame::Resign => {
                 self.resigned.insert(from);
                 self.lingering.remove(&from);
                 self.closed(from);
             }
-            _ => return unexpected,
+            frame => return self.member_frame(Some(from), frame),
+        }
+        Ok(())
+    }
+
+    /// A frame of another federate, which comes through the RTI, or from the other end of a direct link.
+    fn member_frame(&mut self, from: Option<FederateId>, frame: Frame) -> Result<(), Fault> {
+        let is_from = |member| from.is_none_or(|from| from == member);
+        match frame {
+            Frame::Posting { owner, reader, posting } if is_from(owner) && reader == self.me => {
+                self.take_posting(owner, posting)?;
+            }
+            Frame::Segment { owner, reader, segment, len }
+                if is_from(owner) && reader == self.me =>
+            {
+                self.outputs.push_back(Output::Segment { owner, segment, len });
+            }
+            Frame::Retired { owner, reader, segments } if is_from(owner) && reader == self.me => {
+                self.outputs.push_back(Output::Retired { owner, segments });
+            }
+            Frame::Release { owner, reader, serials } if owner == self.me && is_from(reader) => {
+                self.outputs.push_back(Output::Released { reader, serials });
+            }
+            Frame::Processed { channel, messages, bytes } => {
+                let reader = self.topology.channel(channel, Some(self.me), from)?.to;
+                self.flow.processed(reader, channel, messages, bytes);
+            }
+            frame => return Err(Fault::Unexpected { frame: frame.name() }),
         }
         Ok(())
     }

@@ -9,10 +9,10 @@ use std::str::FromStr;
 use hprm_core::{ChannelId, Fact, FederateId, Nanos, Payload, PhysicalTime, Tag};
 use serde::{Deserialize, Serialize};
 
-use crate::Step;
+use crate::{Posting, Step};
 
 /// The version of the frames and of their meaning; both ends of a link must have the same.
-pub const PROTOCOL: u32 = 15;
+pub const PROTOCOL: u32 = 16;
 
 /// Identifies a federation. The driver keeps it secret if processes have to prove that they know it; then frames
 /// carry an id that is derived from it.
@@ -60,6 +60,12 @@ impl HostId {
         Self(self.0 | 1)
     }
 
+    /// Whether the federate has joined over a Unix socket, so that the RTI can give it memory of others that have.
+    #[must_use]
+    pub fn has_joined_over_unix_socket(self) -> bool {
+        self.0 & 1 == 1
+    }
+
     /// The id of a federate that has joined over TCP. No other federate has the same, whatever it claims.
     #[must_use]
     pub fn joined_over_tcp(self) -> Self {
@@ -104,6 +110,15 @@ pub fn shipments_to(machine: &str) -> String {
 #[must_use]
 pub fn machine_in(listen: &str) -> Option<&str> {
     listen.split_whitespace().find_map(|word| word.strip_prefix(SHIPMENTS))
+}
+
+/// What stands before an address at which an agent accepts links for a federate.
+const AGENT: &str = "agent:";
+
+/// Whether federates of other machines reach a federate that says this in `listen`, through agents.
+#[must_use]
+pub fn is_reached_through_agent(listen: &str) -> bool {
+    listen.split_whitespace().any(|word| word.starts_with(AGENT))
 }
 
 /// The addresses at which a federate accepts direct links that says this in `listen`.
@@ -240,7 +255,8 @@ pub enum Frame {
     Peers {
         /// All federates.
         peers: Vec<Peer>,
-        /// Whether they coordinate themselves by boards in memory that all of them share.
+        /// Whether they coordinate themselves by boards: in memory, where they have joined over Unix sockets, and
+        /// otherwise by [`Frame::Posting`].
         boards: bool,
     },
     /// First on a direct link, from the side that opened it.
@@ -312,6 +328,15 @@ pub enum Frame {
         reader: FederateId,
         /// Whether the descriptor wakes up the owner.
         notifier: bool,
+    },
+    /// From each federate to others that do not share its memory, where federates read boards: what its board shows.
+    Posting {
+        /// The federate that shows it.
+        owner: FederateId,
+        /// The federate that reads it.
+        reader: FederateId,
+        /// What is shown, but that `waits` may be a step whose tag is not due yet.
+        posting: Posting,
     },
     /// RTI to the federates downstream of one that asks to leave, where federates read boards: once its board says
     /// so, they answer with `Met`.
@@ -546,7 +571,7 @@ macro_rules! kinds {
 
 kinds! {
     Hello, Refused, Peers, PeerHello, PeerWelcome, Loaded, Ready, Start, Joining, Met, Joined,
-    Depart, Board, Departing, NextEventTag, NextEventLevel, LatestTagConfirmed, DownstreamNextEventTag,
+    Depart, Board, Posting, Departing, NextEventTag, NextEventLevel, LatestTagConfirmed, DownstreamNextEventTag,
     TagAdvanceGrant, ProvisionalTagAdvanceGrant, Message, Segment, Retired, Release, Processed,
     StopRequest, StopReply, StopGranted, Progress, Safe, PortAbsent, Ping, Pong, Resign, Leave,
     Gone, Failed, ClockRequest, ClockReply, ProgramRequest, ProgramReply,

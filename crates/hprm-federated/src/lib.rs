@@ -45,7 +45,7 @@ pub use fault::Fault;
 pub use federate::Federate;
 pub use frame::{
     Attempt, BadFederationId, Carried, Count, FederationId, Frame, HostId, Missing, PROTOCOL, Peer,
-    Refusal, addresses_in, machine_in, shipments_to,
+    Refusal, addresses_in, is_reached_through_agent, machine_in, shipments_to,
 };
 pub use input::{End, Input, Output, Permission};
 pub use rti::{DnetMode, HangTimeout, LinkId, Rti, RtiInput, RtiOutput, show_silence};

@@ -409,6 +409,7 @@ impl Rti {
                 Ok(())
             }
             Frame::Board { .. }
+            | Frame::Posting { .. }
             | Frame::Segment { .. }
             | Frame::Retired { .. }
             | Frame::Release { .. }
@@ -463,6 +464,9 @@ impl Rti {
         let running = self.phase == Phase::Running;
         match frame {
             Frame::Board { owner, reader, .. } if owner == from && self.boards && !running => {
+                self.route(from, reader, frame)
+            }
+            Frame::Posting { owner, reader, .. } if owner == from && self.boards && running => {
                 self.route(from, reader, frame)
             }
             Frame::Segment { owner, reader, .. } if owner == from => {

@@ -95,6 +95,11 @@ impl Startup {
         peers.and_then(|peers| peers.get(&peer)).is_some_and(|peer| peer.host == self.host)
     }
 
+    /// Whether this federate and a peer read each other's boards in memory.
+    pub(crate) fn shares_boards_with(&self, peer: FederateId) -> bool {
+        self.host.has_joined_over_unix_socket() && self.shares_memory_with(peer)
+    }
+
     /// Whether the list of peers is still to come.
     pub(crate) fn awaits_peers(&self) -> bool {
         self.peers.is_none()

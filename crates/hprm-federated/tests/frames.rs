@@ -9,7 +9,9 @@ mod common;
 use allocation_counter::measure;
 use hprm_core::{ChannelId, FederateId, ObjectRef, Part, Payload, PhysicalTime, Tag};
 use hprm_federated::codec::{self, CodecError, Decoded, Decoder};
-use hprm_federated::{Attempt, Count, FederationId, Frame, HostId, PROTOCOL, Peer, Refusal, Step};
+use hprm_federated::{
+    Attempt, Count, FederationId, Frame, HostId, PROTOCOL, Peer, Posting, Refusal, Step, Tally,
+};
 
 /// How many texts are made.
 const ROUNDS: usize = 60_000;
@@ -48,6 +50,9 @@ fn message(parts: Vec<Part>) -> Frame {
 fn samples() -> Vec<Frame> {
     let (owner, reader, federate) = (FederateId(0), FederateId(1), FederateId(1));
     let tag = Tag::new(1_000, 1);
+    let next = Step { tag, level: 3 };
+    let tallies = vec![Tally { messages: 4, latest: tag }; 5];
+    let posting = Posting { next, waits: Step::NEVER, departs: false, ended: false, tallies };
     let object = ObjectRef { owner, serial: 3, segment: 1, offset: 4096, len: 100_000 };
     let peer = |id| Peer {
         federate: FederateId(id),
@@ -76,9 +81,10 @@ fn samples() -> Vec<Frame> {
         },
         Frame::Peers { peers: (0..3).map(peer).collect(), boards: true },
         Frame::PeerHello { protocol: PROTOCOL, federation: FederationId(1), from: owner },
+        Frame::Posting { owner, reader, posting },
         Frame::Start { at: PhysicalTime(50), first: Tag::START },
         Frame::NextEventTag { tag },
-        Frame::NextEventLevel { step: Step { tag, level: 3 }, received: 9 },
+        Frame::NextEventLevel { step: next, received: 9 },
         Frame::TagAdvanceGrant { tag },
         Frame::DownstreamNextEventTag { tag, sent: 7 },
         Frame::LatestTagConfirmed { tag },

@@ -87,6 +87,16 @@ impl Machines {
         self.federates[federate.index()]
     }
 
+    /// Whether a federate shares a machine with the RTI.
+    pub(crate) fn is_at_rti(&self, federate: FederateId) -> bool {
+        self.of(federate) == self.rti
+    }
+
+    /// Whether two federates can map memory that the RTI hands from one to the other.
+    pub(crate) fn share_boards(&self, one: FederateId, other: FederateId) -> bool {
+        self.is_at_rti(one) && self.is_at_rti(other)
+    }
+
     /// The machine of the RTI.
     pub(crate) fn rti(&self) -> usize {
         self.rti
@@ -95,11 +105,6 @@ impl Machines {
     /// How many machines there are.
     pub(crate) fn count(&self) -> usize {
         1 + self.federates.iter().copied().chain([self.rti]).max().unwrap_or(0)
-    }
-
-    /// Whether not all federates share a machine.
-    pub(crate) fn separate_federates(&self) -> bool {
-        self.federates.windows(2).any(|two| two[0] != two[1])
     }
 
     /// From when until when links may end although no process has, if they may.

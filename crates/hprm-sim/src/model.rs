@@ -81,6 +81,8 @@ pub struct Setting {
     pub dnet: DnetMode,
     /// Whether federates coordinate themselves by boards.
     pub boards: bool,
+    /// Federates that share no memory with the others, each on a machine of its own.
+    pub elsewhere: Vec<FederateId>,
 }
 
 /// Visits every state that can be reached.

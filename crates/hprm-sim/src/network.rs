@@ -18,6 +18,9 @@ pub struct Instance {
     pub life: u16,
 }
 
+/// What stands before the number in an address: all federates can be reached through agents.
+const AGENT: &str = "agent:";
+
 impl Instance {
     /// The first process of a federate.
     #[must_use]
@@ -41,12 +44,13 @@ impl Instance {
 
     /// The address at which it accepts direct links.
     pub(crate) fn address(self) -> String {
-        self.link(0).0.to_string()
+        format!("{AGENT}{}", self.link(0).0)
     }
 
     /// The process that accepts direct links at an address.
     pub(crate) fn at(address: &str) -> Self {
-        Self::of_link(LinkId(address.parse().expect("an address is a number")))
+        let number = address.strip_prefix(AGENT).and_then(|number| number.parse().ok());
+        Self::of_link(LinkId(number.expect("an address has the number of a link")))
     }
 }
 

@@ -444,7 +444,12 @@ impl Node {
 
 /// The machine of a federate, as it tells others.
 fn host(federate: FederateId, plan: &Plan) -> HostId {
-    HostId(plan.machines.as_ref().map_or(1, |machines| machines.of(federate) as u128 + 1))
+    let Some(machines) = &plan.machines else { return HostId(1) };
+    let machine = HostId(2 * machines.of(federate) as u128);
+    match machines.is_at_rti(federate) {
+        true => machine.joined_over_unix_socket(),
+        false => machine.joined_over_tcp(),
+    }
 }
 
 /// Schedules the physical action of a federate. Returns for when, if it has one and it will happen.

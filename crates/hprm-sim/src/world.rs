@@ -17,7 +17,7 @@ use crate::network::{Event, Instance, LinkEvent, Network, Place};
 use crate::node::Node;
 use crate::plan::{Outcome, Plan, Resets, Skew, Visit};
 use crate::rng::mix;
-use crate::{Log, Machines, Rng};
+use crate::{Log, Rng};
 
 /// An event, as the log of a run shows it.
 struct Shown {
@@ -520,9 +520,10 @@ impl World {
         }
         if node.machine.reads_boards() {
             // It may see what some of them have shown before.
-            let Self { boards, nodes, rng, .. } = self;
+            let Self { boards, nodes, plan, rng, .. } = self;
             let node = nodes.get_mut(&me).expect("it has a turn");
-            boards.read(node, local, |_| rng.percent(50))?;
+            let machines = plan.machines.as_ref();
+            boards.read(node, local, machines, |_| rng.percent(50))?;
         }
         self.node(me).input(local, input)?;
         self.advance(now, me)?;
@@ -538,12 +539,20 @@ impl World {
         let local = self.clocks[me.federate].local(now);
         loop {
             let node = self.nodes.get_mut(&me).expect("it has a turn");
-            if !self.boards.read(node, local, |_| true)? || node.is_over() {
+            let machines = self.plan.machines.as_ref();
+            if !self.boards.read(node, local, machines, |_| true)? || node.is_over() {
                 break;
             }
             self.advance(now, me)?;
         }
+        if !self.boards.take_posted(me.federate) {
+            return Ok(());
+        }
         for released in self.node(me).machine.released() {
+            let machines = self.plan.machines.as_ref();
+            if machines.is_some_and(|it| !it.share_boards(me.federate, released)) {
+                self.wrong.get_or_insert(format!("{me:?} cannot wake up {released:?} elsewhere"));
+            }
             let Some(to) = self.find(released, |node| !node.is_over()) else { continue };
             let board = Place::Board(me.federate);
             self.network.send(now, board, Place::Federate(to), Event::Released(to));
@@ -636,12 +645,7 @@ impl World {
                         self.send_link_event(now, me, to, LinkEvent::Frame(frame));
                     }
                 }
-                Output::Post(posting) => {
-                    if self.plan.machines.as_ref().is_some_and(Machines::separate_federates) {
-                        self.wrong.get_or_insert(format!("{me:?} posts, but shares no memory"));
-                    }
-                    self.boards.post(me.federate, posting);
-                }
+                Output::Post(posting) => self.boards.post(me.federate, posting),
                 Output::Rejoin => {
                     self.reconnect(me);
                     self.network.at(now.plus(self.pause()), Event::Federate(me, Input::Rejoins));

@@ -240,6 +240,22 @@ fn boards() {
     look_with(setting, "centralized", &disturbed("cycle", CYCLE, 0));
 }
 
+/// What they show travels to federates that share no memory with them, and takes its time.
+#[test]
+fn boards_elsewhere() {
+    for elsewhere in [A, C] {
+        let cases = [("delayed chain", DELAYED_CHAIN, 0, &[] as &[Happening])];
+        look_with(apart(elsewhere), "centralized", &cases);
+    }
+    look_with(apart(A), "centralized", &[("fan-in", FAN_IN, 0, &[])]);
+}
+
+/// Federates read boards, but for one that shares no memory with the others.
+fn apart(elsewhere: FederateId) -> Setting {
+    let elsewhere = vec![elsewhere];
+    Setting { start_delay: PAST, boards: true, elsewhere, ..Setting::default() }
+}
+
 #[test]
 fn decentralized() {
     let undisturbed: [Case; 8] = [
@@ -415,6 +431,11 @@ fn at_length() {
     let setting = Setting { start_delay: PAST, boards: true, ..Setting::default() };
     look_with(setting.clone(), "centralized", &boards);
     look_with(Setting { start_delay: 1_000, ..setting }, "centralized", &with_clocks);
+    for elsewhere in [A, C] {
+        look_with(apart(elsewhere), "centralized", &[("chain", CHAIN, 0, &[])]);
+    }
+    look_with(apart(B), "centralized", &[("chain", CHAIN, 0, &[Depart(A)])]);
+    look_with(apart(C), "centralized", &[("cycle of three", CYCLE_OF_THREE, 0, &[])]);
 }
 
 #[test]

@@ -211,6 +211,7 @@ impl Federate {
 
     /// Ends in order; `last_frame` is the last frame to the RTI.
     pub(super) fn resign(&mut self, last_frame: Frame) {
+        self.post_end();
         let peers: BTreeSet<_> = self.startup.linked().chain(self.meeting.linking()).collect();
         for to in peers {
             self.outputs.push_back(Output::ToPeer { to, frame: Frame::Resign });
@@ -221,7 +222,6 @@ impl Federate {
             self.outputs.push_back(Output::ToRti(Frame::Progress { next, counts }));
         }
         self.outputs.push_back(Output::ToRti(last_frame));
-        self.post_end();
         self.ended = true;
     }
 

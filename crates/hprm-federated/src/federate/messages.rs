@@ -113,6 +113,7 @@ impl Federate {
                     machine.sent(id, tag);
                     if let Some(showing) = &mut self.showing {
                         showing.boards.sent(id, tag);
+                        showing.elsewhere.sent(channel.to, tag);
                     }
                     self.outputs.push_back(Output::ToPeer { to: channel.to, frame });
                 }

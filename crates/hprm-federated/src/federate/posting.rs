@@ -15,10 +15,11 @@ use std::collections::BTreeMap;
 
 use hprm_core::{FederateId, Nanos, PhysicalTime, Tag};
 
+use super::elsewhere::Elsewhere;
 use super::{Activity, Coordinator, Federate};
 use crate::boards::{Boards, Reading, readings};
 use crate::decentralized::Decentralized;
-use crate::{Frame, Output, Permission, Posting, Step};
+use crate::{Fault, Frame, Output, Permission, Posting, Step};
 
 /// How often a federate that a clock may wake at any moment posts how far its clock is.
 const CLOCK_POST: Nanos = 10_000_000;
@@ -27,6 +28,8 @@ const CLOCK_POST: Nanos = 10_000_000;
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(super) struct Showing {
     pub(super) boards: Boards,
+    /// The federates that share no memory with this one.
+    pub(super) elsewhere: Elsewhere,
     /// What it has posted last, but for its tallies.
     shown: Option<Shown>,
     /// When it posted last.
@@ -47,13 +50,21 @@ struct Shown {
 impl Federate {
     /// From now on, boards say how far this federate may advance, and its messages go directly to their receivers.
     pub(super) fn use_boards(&mut self) {
+        let near = |other| self.startup.shares_boards_with(other);
         let boards = Boards::new(&self.topology, self.me);
+        let apart = self.topology.federates().filter(|other| *other != self.me && !near(*other));
+        let boards = boards.with_elsewhere(apart);
+        let elsewhere = Elsewhere::new(&self.topology, self.me, near);
+        let readings = readings(&self.topology).into_iter();
+        let readings: Vec<_> = readings
+            .filter(|it| near(if it.owner == self.me { it.reader } else { it.owner }))
+            .collect();
         let shown_at = PhysicalTime(i64::MIN);
-        self.showing = Some(Showing { boards, shown: None, shown_at, departing: BTreeMap::new() });
+        let departing = BTreeMap::new();
+        self.showing = Some(Showing { boards, elsewhere, shown: None, shown_at, departing });
         let machine = Decentralized::on_boards(&self.topology, self.me);
         self.coordinator = Coordinator::Decentralized(machine);
         self.startup.need_links();
-        let readings = readings(&self.topology);
         self.startup.need_boards(readings.iter().filter(|it| it.reader == self.me));
         for reading in readings.into_iter().filter(|it| it.owner == self.me) {
             for notifier in reading.descriptors() {
@@ -99,6 +110,15 @@ impl Federate {
     pub fn released(&self) -> Vec<FederateId> {
         let showing = self.showing.as_ref().filter(|_| self.next_step().is_some() || self.ended);
         showing.map(|showing| showing.boards.released(&self.topology)).unwrap_or_default()
+    }
+
+    /// A federate elsewhere shows something new.
+    pub(super) fn take_posting(&mut self, from: FederateId, posting: Posting) -> Result<(), Fault> {
+        match self.showing.as_mut().is_some_and(|showing| showing.elsewhere.came(from)) {
+            true => self.read_board(from, posting),
+            false => return Err(Fault::Unexpected { frame: "Posting" }),
+        }
+        Ok(())
     }
 
     /// Another federate shows something new.
@@ -147,7 +167,29 @@ impl Federate {
             let waits = self.awaited(next, now, start);
             self.show(now, Shown { next: certain, waits, departs }, certain < next && !departs);
         }
+        self.tell_elsewhere(next);
         self.answer_about_departures();
+    }
+
+    /// Sends what this federate shows to those that need it, and to those for whose boards it waits. It tells the latter
+    /// before its next tag is due: their answers take time.
+    fn tell_elsewhere(&mut self, next: Step) {
+        if self.showing.as_ref().is_none_or(|showing| showing.elsewhere.is_empty()) {
+            return;
+        }
+        let needs = if next.tag < Tag::FOREVER { self.needs(next) } else { Step::NEVER };
+        let Some(Showing { boards, elsewhere, .. }) = &mut self.showing else { return };
+        let mut knows = || needs <= Step::NEVER || needs <= boards.known(&self.topology);
+        let waits = if !elsewhere.may_ask() || knows() { Step::NEVER } else { needs };
+        elsewhere.wait_for(waits);
+        let postings = elsewhere.due(boards, &self.topology);
+        self.send_postings(postings);
+    }
+
+    fn send_postings(&mut self, postings: Vec<(FederateId, Posting)>) {
+        for (reader, posting) in postings {
+            self.route(reader, Frame::Posting { owner: self.me, reader, posting });
+        }
     }
 
     /// Finds out how far this federate may advance, from what it has read.
@@ -168,15 +210,21 @@ impl Federate {
     }
 
     fn show(&mut self, now: PhysicalTime, shown: Shown, by_clock: bool) {
-        let posting = self.showing.as_mut().and_then(|showing| showing.news(now, shown, by_clock));
-        self.outputs.extend(posting.map(Output::Post));
+        let Some(showing) = &mut self.showing else { return };
+        if let Some(posting) = showing.news(now, shown, by_clock) {
+            showing.elsewhere.show(&posting);
+            self.outputs.push_back(Output::Post(posting));
+        }
     }
 
     /// This federate has ended: nothing more comes from it.
     pub(super) fn post_end(&mut self) {
         if let Some(showing) = &mut self.showing {
             showing.boards.end();
-            self.outputs.push_back(Output::Post(showing.boards.own().clone()));
+            let posting = showing.boards.own().clone();
+            let postings = showing.elsewhere.last(&posting);
+            self.outputs.push_back(Output::Post(posting));
+            self.send_postings(postings);
         }
     }
 

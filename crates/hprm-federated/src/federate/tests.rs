@@ -1,6 +1,7 @@
 //! A federate between an RTI and peers that the test plays.
 
 mod dnet;
+mod elsewhere;
 
 use std::sync::Arc;
 

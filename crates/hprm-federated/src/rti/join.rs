@@ -3,7 +3,8 @@
 use hprm_core::{FederateId, Nanos, PhysicalTime, Tag};
 
 use super::{LinkId, Phase, Rti, RtiOutput};
-use crate::frame::addresses_in;
+use crate::boards::Reading;
+use crate::frame::{addresses_in, is_reached_through_agent};
 use crate::{Fault, Frame, HostId, Missing, PROTOCOL, Peer, Refusal, boards};
 
 /// How many federates with other programs are compared at a time. The RTI refuses further ones without
@@ -184,16 +185,23 @@ impl Rti {
         }
     }
 
-    /// Whether the federates coordinate themselves by boards: all share one host's memory, and accept direct links.
-    /// A federate that joins late could not know what the others have found on boards.
+    /// Whether the federates coordinate themselves by boards: all reach one another directly, and some share memory, so
+    /// that not all that they show has to travel. A federate that joins late could not know what the others have found
+    /// on boards.
     fn may_use_boards(&self, peers: &[Peer]) -> bool {
         let one_host = peers.windows(2).all(|pair| pair[0].host == pair[1].host);
-        let accepts = |listen: &String| addresses_in(listen).next().is_some();
+        let host = |federate| peers.iter().find(|it| it.federate == federate).map(|it| it.host);
+        let share = |it: &Reading| host(it.owner) == host(it.reader);
+        let pays = || one_host || boards::readings(&self.topology).iter().any(share);
+        let accepts = |listen: &String| match one_host {
+            true => addresses_in(listen).next().is_some(),
+            false => is_reached_through_agent(listen),
+        };
         let all_listen = peers.iter().all(|peer| peer.listen.as_ref().is_some_and(accepts));
         let centralized = self.topology.coordination() == hprm_core::Coordination::Centralized;
         let few = self.topology.federates().count() <= boards::FEDERATES;
         let fits = centralized && few && !self.topology.has_transients();
-        self.allows_boards && fits && one_host && all_listen
+        self.allows_boards && fits && all_listen && pays()
     }
 
     fn all_have_joined(&self) -> bool {

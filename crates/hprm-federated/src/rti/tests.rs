@@ -1,5 +1,7 @@
 //! The RTI against processes that are no members, and against federates that fail or break the protocol.
 
+mod boards;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 

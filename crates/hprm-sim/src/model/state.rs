@@ -12,10 +12,10 @@ use super::Setting;
 use super::digest::{Shared, digest};
 use super::links::Links;
 use super::moves::{Move, Moves};
-use crate::Plan;
 use crate::network::{Event, Instance, LinkEvent, Place};
 use crate::node::{Node, Turn};
 use crate::plan::Life;
+use crate::{Machines, Plan};
 
 /// When the processes are launched: late enough for a start in the past.
 const LAUNCH: PhysicalTime = PhysicalTime(1_000_000_000);
@@ -105,7 +105,7 @@ impl State {
         let rti = Rti::new(topology, federation, Arc::clone(&fingerprint), start_delay);
         let rti = rti.dnet_mode(dnet);
         let rti = if boards { rti.with_boards() } else { rti };
-        let plan = Plan { flow_limit, ..Plan::default() };
+        let plan = Plan { flow_limit, machines: machines(program, setting), ..Plan::default() };
         let seat = |me| {
             let me = Instance::first(me);
             let mut node = Node::new(me, program, (federation, &fingerprint), &plan);
@@ -460,7 +460,9 @@ impl State {
                 self.send(place, Place::Rti, Event::Rti(input));
             }
             Output::Post(posting) => {
-                let others = self.seats.ids().filter(|other| *other != me);
+                let machines = self.plan.machines.as_ref();
+                let is_near = |other| machines.is_none_or(|it| it.share_boards(me, other));
+                let others = self.seats.ids().filter(|other| *other != me && is_near(*other));
                 for other in others.collect::<Vec<_>>() {
                     let to = self.instance(other);
                     let input = Input::Board { from: me, posting: posting.clone() };
@@ -542,4 +544,11 @@ impl State {
             self.links.push((from, to), event);
         }
     }
+}
+
+/// Which federates share memory, if not all of them do. Links are as quick as others here.
+fn machines(program: &Program, setting: &Setting) -> Option<Machines> {
+    let machine = |me| setting.elsewhere.iter().position(|it| *it == me).map_or(0, |at| at + 1);
+    let machines = program.federates.ids().map(machine).collect();
+    (!setting.elsewhere.is_empty()).then(|| Machines::in_a_good_network(machines, 0))
 }

@@ -206,7 +206,10 @@ impl FederateLinks {
         let decentralized = options.program.properties.coordination == Coordination::Decentralized;
         let mut acceptor = None;
         let mut addresses = String::new();
-        if decentralized || rti.is_local() && may_use_boards(&network)? {
+        // Without the RTI's grants, messages need direct links, as those between agents are.
+        let is_reached = rti.is_local() || reach::is_reached_through_agent(options);
+        let is_linked = decentralized || is_reached && may_use_boards(&network)?;
+        if is_linked {
             let listeners;
             (listeners, addresses) = reach::listen(options, &rti, &keys, &network)?;
             let members = options.program.federates.len();
@@ -230,7 +233,7 @@ impl FederateLinks {
             _ => None,
         };
         Ok(Self {
-            host: reach::host_id(rti.is_local(), decentralized, agent.as_ref()),
+            host: reach::host_id(rti.is_local(), is_linked, agent.as_ref()),
             poller: Poller::new(network.notifier(), spin::time(&options.program)),
             network,
             polled: PolledLinks {

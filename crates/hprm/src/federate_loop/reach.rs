@@ -143,17 +143,17 @@ fn port_of(address: &Address) -> &str {
 }
 
 /// The number of this host; federates with the same number share memory. The links of federates that have
-/// joined over Unix sockets carry descriptors. Of federates that have joined over TCP, only links with one
-/// another do, for which they must be in one network namespace and belong to one user; and if they have joined through
-/// an `agent`, use the same one, because an agent stands for a machine.
-pub(super) fn host_id(local: bool, decentralized: bool, agent: Option<&Address>) -> HostId {
+/// joined over Unix sockets carry descriptors. Of federates that have joined over TCP, only direct links with one
+/// another do, if this federate is `linked` so. For that they must be in one network namespace and belong to one user;
+/// and if they have joined through an `agent`, use the same one, because an agent stands for a machine.
+pub(super) fn host_id(local: bool, linked: bool, agent: Option<&Address>) -> HostId {
     let read = |name| std::fs::read_to_string(format!("/proc/sys/kernel/random/{name}"));
     let number = |text: String| {
         let digits: String = text.chars().filter(char::is_ascii_hexdigit).collect();
         u128::from_str_radix(&digits, 16).unwrap_or_default()
     };
     let boot = read("boot_id").map(number).unwrap_or_default();
-    match (local, decentralized, std::fs::metadata("/proc/self/ns/net")) {
+    match (local, linked, std::fs::metadata("/proc/self/ns/net")) {
         (true, _, _) => HostId(boot).joined_over_unix_socket(),
         (false, true, Ok(namespace)) => {
             let user = rustix::process::geteuid().as_raw();

@@ -1,0 +1,166 @@
+//! Federates that need what this one shows, or show what this one needs, and share no memory with it.
+//!
+//! A board is memory of one machine, so between machines postings are frames. Contents may be old, each board
+//! on its own (`boards`), so it does not matter that frames take their time, or that most postings are never sent. What
+//! matters is that no federate waits for ever:
+//!
+//! - A federate tells those elsewhere upstream of it for which step it waits, and sends that again when it changes.
+//! - A federate sends what it shows to one downstream that waits, as soon as messages that it causes could only
+//!   arrive after that step. Until then the receiver cannot go on, whatever else it knows.
+//!
+//! It does not ask what others have shown, as it does before it wakes up a federate that shares memory: its view of
+//! boards elsewhere may be old, and then each of two federates would leave it to the other one.
+//!
+//! To one to which it has sent a message, it sends its posting without being asked, once it is beyond that message: what waits for
+//! the message waits for this. And a federate that gets postings for which it does not wait says so, once.
+
+use hprm_core::{FederateId, Tag};
+
+use crate::boards::Boards;
+use crate::{Posting, Step, Topology};
+
+/// See the module.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub(super) struct Elsewhere {
+    others: Vec<Other>,
+    /// What this federate shows.
+    shown: Option<Posting>,
+    /// Through which step it must know its inputs; `NEVER` if it knows enough.
+    waits: Step,
+}
+
+/// A federate elsewhere.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+struct Other {
+    federate: FederateId,
+    /// Whether something leads from this federate to it.
+    follows: bool,
+    /// Whether something leads from it to this federate.
+    leads: bool,
+    /// Whether it has been sent what is shown now.
+    told: bool,
+    /// The tag of the latest message to it, unless a posting has been sent since that is beyond that tag.
+    owed: Tag,
+    /// For which step this federate waits, as it has been told.
+    asked: Step,
+    /// Whether it has sent a posting for which this federate did not wait.
+    unasked: bool,
+}
+
+impl Elsewhere {
+    /// Of all others that share no memory with `me`, those that matter.
+    pub(super) fn new(
+        topology: &Topology,
+        me: FederateId,
+        is_near: impl Fn(FederateId) -> bool,
+    ) -> Self {
+        let downstream = topology.reachable(me);
+        let others = topology.federates().filter(|other| *other != me && !is_near(*other));
+        let others = others.map(|federate| Other {
+            federate,
+            follows: downstream.contains(&federate),
+            leads: topology.reachable(federate).contains(&me),
+            told: false,
+            owed: Tag::NEVER,
+            asked: Step::NEVER,
+            unasked: false,
+        });
+        Self {
+            others: others.filter(|other| other.follows || other.leads).collect(),
+            shown: None,
+            waits: Step::NEVER,
+        }
+    }
+
+    /// Whether all that matter share memory with this federate.
+    pub(super) fn is_empty(&self) -> bool {
+        self.others.is_empty()
+    }
+
+    /// Whether this federate may wait for what federates elsewhere show.
+    pub(super) fn may_ask(&self) -> bool {
+        self.others.iter().any(|other| other.leads)
+    }
+
+    /// A message leaves for a federate.
+    pub(super) fn sent(&mut self, to: FederateId, tag: Tag) {
+        for other in self.others.iter_mut().filter(|other| other.federate == to) {
+            other.owed = other.owed.max(tag);
+        }
+    }
+
+    /// This federate shows something new.
+    pub(super) fn show(&mut self, posting: &Posting) {
+        if !self.others.is_empty() {
+            self.shown = Some(posting.clone());
+            self.others.iter_mut().for_each(|other| other.told = false);
+        }
+    }
+
+    /// Through which step this federate must know its inputs; `NEVER` if it knows enough.
+    pub(super) fn wait_for(&mut self, step: Step) {
+        self.waits = step;
+    }
+
+    /// A posting has come. Returns whether it is of a federate elsewhere.
+    pub(super) fn came(&mut self, from: FederateId) -> bool {
+        let Some(other) = self.others.iter_mut().find(|other| other.federate == from) else {
+            return false;
+        };
+        other.unasked = self.waits == Step::NEVER;
+        true
+    }
+
+    /// What is to be sent now, and to which federates.
+    pub(super) fn due(
+        &mut self,
+        boards: &Boards,
+        topology: &Topology,
+    ) -> Vec<(FederateId, Posting)> {
+        let Self { others, shown, waits, .. } = self;
+        let Some(shown) = shown.as_ref() else { return Vec::new() };
+        let needs = |other: &Other| other.needs(shown, boards);
+        let is_beyond = others.iter().any(needs).then(|| boards.caused_from(shown.next, topology));
+        let arrives = |federate| is_beyond.as_ref().map_or(Step::NEVER, |it| it[federate]);
+        let due = |other: &Other| {
+            needs(other) && (shown.departs || arrives(other.federate) > other.wanted(boards))
+        };
+        let mut postings = Vec::new();
+        for other in others {
+            if due(other) || other.is_misinformed(*waits) {
+                other.told = true;
+                other.asked = *waits;
+                if arrives(other.federate) > Step::end(other.owed) {
+                    other.owed = Tag::NEVER;
+                }
+                postings.push((other.federate, Posting { waits: *waits, ..shown.clone() }));
+            }
+        }
+        postings
+    }
+
+    /// The last posting, for all.
+    pub(super) fn last(&self, posting: &Posting) -> Vec<(FederateId, Posting)> {
+        self.others.iter().map(|other| (other.federate, posting.clone())).collect()
+    }
+}
+
+impl Other {
+    /// Whether it may wait for what is shown now.
+    fn needs(&self, shown: &Posting, boards: &Boards) -> bool {
+        let wants = self.wanted(boards) < Step::FOREVER || shown.departs;
+        self.follows && !self.told && wants
+    }
+
+    /// Beyond which step this federate has to be before its posting is of use; `FOREVER` if it is of none.
+    fn wanted(&self, boards: &Boards) -> Step {
+        let owed = (self.owed > Tag::NEVER).then(|| Step::end(self.owed));
+        boards.awaited_by(self.federate).into_iter().chain(owed).min().unwrap_or(Step::FOREVER)
+    }
+
+    /// Whether it takes this federate for one that waits for another step, or for one that waits.
+    fn is_misinformed(&self, waits: Step) -> bool {
+        let is_wrong = self.asked != waits && (waits > Step::NEVER || self.unasked);
+        self.leads && is_wrong
+    }
+}
