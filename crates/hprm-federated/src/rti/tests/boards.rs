@@ -35,14 +35,14 @@ fn boards_need_direct_links_and_some_that_share_memory() {
     assert!(uses("a -> b", &[(HERE, local), (HERE, local)]));
     assert!(!uses("a -> b", &[(HERE, local), (HERE, "")]));
     assert!(!uses("decentralized\na -> b", &[(HERE, local), (HERE, local)]));
-    // Without agents, who can reach whom is not known.
+    // Without agents, nothing tells which federates reach each other.
     assert!(!uses("a -> b\nb -> c", &[(HERE, local), (HERE, local), (THERE, local)]));
     assert!(!uses("a -> b\nb -> c", &[(HERE, local), (HERE, local), (THERE, agent)]));
     assert!(uses("a -> b\nb -> c", &[(HERE, agent), (HERE, agent), (THERE, agent)]));
     assert!(uses("a -> b\nb -> c", &[(HERE, agent), (THERE, agent), (THERE, agent)]));
     // What each shows would have to travel to every other one.
     assert!(!uses("a -> b\nb -> c", &[(HERE, agent), (THERE, agent), (ELSEWHERE, agent)]));
-    // Those that share memory have nothing to do with each other.
+    // The two that share memory have nothing to do with each other.
     assert!(!uses(
         "a -> b\nc -> d",
         &[(HERE, agent), (THERE, agent), (HERE, agent), (ELSEWHERE, agent),]
@@ -70,6 +70,6 @@ fn postings_are_forwarded_while_the_federation_runs() {
     assert_eq!(input(&mut rti, 0, posting(0, 2)).unwrap(), [sent(2, posting(0, 2))]);
     // One federate speaks for no other one.
     assert_eq!(input(&mut rti, 0, posting(1, 2)), Err(fault));
-    let nobody = Err(Fault::UnknownFederate(FederateId(9)));
-    assert_eq!(input(&mut rti, 0, posting(0, 9)), nobody);
+    let unknown = Err(Fault::UnknownFederate(FederateId(9)));
+    assert_eq!(input(&mut rti, 0, posting(0, 9)), unknown);
 }
