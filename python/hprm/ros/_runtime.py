@@ -177,7 +177,9 @@ class Runtime:
 
     def withdraw(self, flow: Flow, deliver: Deliver) -> None:
         """Give no more messages to a function that :meth:`declare` has had."""
-        self._takers[flow].remove(deliver)
+        takers = self._takers.get(flow, [])
+        if deliver in takers:
+            takers.remove(deliver)
 
     # What threads of scripts do.
 

@@ -311,7 +311,6 @@ class Node(Parameters, Others):
             return False
         self._publishers.remove(publisher)
         publisher.destroy()
-        self._withdraw(publisher)
         return True
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
@@ -418,7 +417,6 @@ class Node(Parameters, Others):
             return False
         self._entities.remove(entity)
         entity.destroy()
-        self._withdraw(entity)
         return True
 
     def _declare(self, made: Any, endpoint: Endpoint, deliver: Any = None) -> None:

@@ -75,6 +75,7 @@ class Publisher(Generic[MsgT]):
     def destroy(self) -> None:
         """Publish no more."""
         self._destroyed = True
+        self._node._withdraw(self)
         for handler in self.event_handlers:
             self._node._destroy(handler)
 

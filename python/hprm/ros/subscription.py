@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from hprm.ros._entity import Entity, Queue
 from hprm.ros._graph import Flow
-from hprm.ros._interface import check_callback, copy_of
+from hprm.ros._interface import check_callback, copy_of, takes
 from hprm.ros.callback_groups import CallbackGroup
 
 if TYPE_CHECKING:
@@ -63,9 +63,19 @@ class Subscription(Entity):
     def callback(self, value: Callable[..., Any]) -> None:
         check_callback(value)
         self._callback = value
-        self._callback_type = Subscription.CallbackType.MessageOnly
-        if _takes_info(value):
+        if takes(value, 1):
+            self._callback_type = Subscription.CallbackType.MessageOnly
+        elif takes(value, 2):
             self._callback_type = Subscription.CallbackType.WithMessageInfo
+        else:
+            raise RuntimeError(
+                f"the callback of the topic {self.topic} takes neither one argument (the message)"
+                " nor two (the message and a dictionary of what is known of it)"
+            )
+
+    def get_publisher_count(self) -> int:
+        """Return how many publishers the topic has."""
+        return self._node.count_publishers(self.topic)
 
     @property
     def dropped(self) -> int:
@@ -123,17 +133,3 @@ def _call(callback: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
 
         return awaits
     return lambda: callback(*arguments)
-
-
-def _takes_info(callback: Callable[..., Any]) -> bool:
-    """Whether a callback has two parameters that must be given."""
-    try:
-        parameters = inspect.signature(callback).parameters.values()
-    except (TypeError, ValueError):
-        return False
-    positional = [
-        it
-        for it in parameters
-        if it.kind in (it.POSITIONAL_ONLY, it.POSITIONAL_OR_KEYWORD) and it.default is it.empty
-    ]
-    return len(positional) == 2
