@@ -16,7 +16,7 @@ from types import FrameType, TracebackType
 from typing import Any
 
 from hprm import _startup
-from hprm.ros import _aliases, _meeting, _process, _runtime, _sleeping, _words
+from hprm.ros import _aliases, _meeting, _process, _runtime, _sleeping, _user_modules, _words
 from hprm.ros.exceptions import ROSInterruptException
 from hprm.ros.executors import ExternalShutdownException
 
@@ -118,6 +118,7 @@ def _run(script: str, *arguments: str) -> int:
     """Run a script as Python does."""
     sys.argv = [script, *arguments]
     sys.path[0] = os.path.dirname(os.path.abspath(script))
+    _user_modules.install(Path(script))
     return _program(lambda: runpy.run_path(script, run_name="__main__"))
 
 
@@ -125,6 +126,8 @@ def _call(options: argparse.Namespace) -> int:
     """Call the function of an entry point, as the script does that pip makes of it."""
     sys.argv = [options.function, *options.arguments]
     sys.path[0] = options.root
+    # Any file of the package, around which others are.
+    _user_modules.install(Path(options.root, "setup.py"))
 
     def call() -> object:
         found: Any = importlib.import_module(options.module)
