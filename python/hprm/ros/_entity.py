@@ -72,6 +72,12 @@ class Queue:
             self.dropped += 1
         self._messages.append(message)
 
+    def put_before(self, messages: list[Any]) -> None:
+        """Add messages that are older than those that wait, as many as there is room for."""
+        room = len(messages) if self._depth is None else self._depth - len(self._messages)
+        if room > 0:
+            self._messages.extendleft(reversed(messages[-room:]))
+
     def first(self) -> Any:
         """Return the oldest message."""
         return self._messages[0]

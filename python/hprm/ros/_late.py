@@ -70,6 +70,10 @@ class LateEndpoints:
         """Return the late endpoints."""
         yield from (endpoint for _, endpoint in list(self._late))
 
+    def of_scripts(self) -> list[tuple[str, Endpoint]]:
+        """Return the late endpoints with the names of their scripts."""
+        return list(self._late)
+
     def nodes(self) -> Iterator[str]:
         """Return the full names of late nodes."""
         yield from (name for _, name in list(self._nodes))

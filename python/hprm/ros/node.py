@@ -10,6 +10,7 @@ from hprm.ros import _process
 from hprm.ros._entity import Entity
 from hprm.ros._graph import Endpoint
 from hprm.ros._interface import type_name
+from hprm.ros._keeping import LateTaker
 from hprm.ros._names import absolute_namespace, full_node_name, logger_name
 from hprm.ros._others import Others
 from hprm.ros._parameter_services import ParameterEvents, ParameterServices
@@ -25,7 +26,12 @@ from hprm.ros.guard_condition import GuardCondition
 from hprm.ros.logging import get_logger
 from hprm.ros.logging_service import LoggingService
 from hprm.ros.publisher import Publisher
-from hprm.ros.qos import QoSHistoryPolicy, QoSProfile, qos_profile_services_default
+from hprm.ros.qos import (
+    DurabilityPolicy,
+    QoSHistoryPolicy,
+    QoSProfile,
+    qos_profile_services_default,
+)
 from hprm.ros.qos_overriding_options import _declare_qos_parameters
 from hprm.ros.service import Service
 from hprm.ros.subscription import Subscription
@@ -235,7 +241,9 @@ class Node(Parameters, Others):
         if qos_overriding_options is not None:
             _declare_qos_parameters(Subscription, self, name, qos, qos_overriding_options)
         made = Subscription(self, msg_type, name, callback, group, qos, raw)
-        self._declare(made, self._endpoint("subscription", name, type_, qos), made.deliver)
+        is_durable = qos.durability is DurabilityPolicy.TRANSIENT_LOCAL
+        endpoint = self._endpoint("subscription", name, type_, qos)
+        self._declare(made, endpoint, made.deliver, made if is_durable else None)
         self._watch(made, event_callbacks, group)
         return self._add(made)
 
@@ -419,9 +427,11 @@ class Node(Parameters, Others):
         entity.destroy()
         return True
 
-    def _declare(self, made: Any, endpoint: Endpoint, deliver: Any = None) -> None:
+    def _declare(
+        self, made: Any, endpoint: Endpoint, deliver: Any = None, late: LateTaker | None = None
+    ) -> None:
         self._endpoints[made] = endpoint
-        self._runtime.declare(endpoint, deliver)
+        self._runtime.declare(endpoint, deliver, late)
 
     def _watch(self, made: Any, callbacks: Any, group: CallbackGroup) -> None:
         """Add what calls back at events of a publisher or a subscription."""

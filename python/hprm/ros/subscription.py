@@ -48,6 +48,8 @@ class Subscription(Entity):
         self._flow = Flow("topic", topic)
         self.callback = callback
         self._queue = Queue(node._depth_of(qos_profile))
+        #: Whether other processes may still have messages that come first.
+        self._is_held = False
         self.event_handlers: list[Any] = []
         #: What is called with each message.
         self._on_message: list[Callable[[], None]] = []
@@ -89,10 +91,25 @@ class Subscription(Entity):
             for note in self._on_message:
                 note()
 
+    def deliver_before(self, messages: list[Any]) -> None:
+        """Put messages into the queue that publishers have kept, before those that wait."""
+        now = self._node._runtime.now()
+        self._queue.put_before([(message, now) for message in messages])
+
+    def hold(self, is_held: bool) -> None:
+        """Call back no more until what comes first is there, or again."""
+        self._is_held = is_held
+
+    @property
+    def is_destroyed(self) -> bool:
+        """Whether it takes nothing any more."""
+        return self._destroyed
+
     def has_work(self) -> bool:
         """Return whether a message waits."""
-        is_first = self._after is None or not self._after.has_work()
-        return len(self._queue) > 0 and not self._destroyed and is_first
+        if not len(self._queue) or self._destroyed or self._is_held:
+            return False
+        return self._after is None or not self._after.has_work()
 
     def take(self) -> Callable[[], Any]:
         """Take the oldest message."""
