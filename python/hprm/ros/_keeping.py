@@ -192,7 +192,7 @@ def durable_scripts(
 
 
 def _channels(membership: Membership) -> Iterator[tuple[Any, int, str]]:
-    """Return the ports of this process, their channels and who sends there."""
+    """Return the ports of this process, their channels and the scripts that send there."""
     own = next(it for it in membership.graph.members if it.name == membership.name)
     for port in own.inputs:
         for channel, sender in enumerate(port.senders):
@@ -202,7 +202,7 @@ def _channels(membership: Membership) -> Iterator[tuple[Any, int, str]]:
 def _depth(flow: Flow, name: str, channel: int, membership: Membership) -> int | None:
     """Return how much a script keeps for others of what a channel brings."""
     (sender,) = (
-        who for port, at, who in _channels(membership) if (port.name, at) == (name, channel)
+        script for port, at, script in _channels(membership) if (port.name, at) == (name, channel)
     )
     script = next(it for it in membership.graph.scripts if it.name == sender)
     depths = [it.qos.get("depth") for it in script.endpoints if it.sends == flow and is_durable(it)]

@@ -44,9 +44,9 @@ class _Finder(MetaPathFinder):
             self._modules = {}
             for folder in _folders(self._program):
                 self._modules.setdefault(folder.name, folder)
-        folder = self._modules.get(name)
-        if folder is None:
+        if name not in self._modules:
             return None
+        folder = self._modules[name]
         return importlib.util.spec_from_file_location(
             name, folder / "__init__.py", submodule_search_locations=[str(folder)]
         )
