@@ -82,15 +82,17 @@ def _parser() -> argparse.ArgumentParser:
     """What can be typed."""
     parser = argparse.ArgumentParser(prog="python -m hprm.ros", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
-    run = commands.add_parser("run", help="run scripts that import rclpy")
+    # What a script takes may begin like an option of HPRM.
+    whole: Any = {"allow_abbrev": False}
+    run = commands.add_parser("run", help="run scripts that import rclpy", **whole)
     _add_options(run)
     run.add_argument("words", nargs=argparse.REMAINDER, help="a script with arguments, + another")
-    launch = commands.add_parser("launch", help="start what a launch file asks for")
+    launch = commands.add_parser("launch", help="start what a launch file asks for", **whole)
     _add_options(launch)
     launch.add_argument("--show-args", action="store_true", help="show its arguments")
     launch.add_argument("file", help="a launch file in Python, XML or YAML")
     launch.add_argument("arguments", nargs="*", help="NAME:=VALUE")
-    call = commands.add_parser("call", help="call a function, as an entry point does")
+    call = commands.add_parser("call", help="call a function, as an entry point does", **whole)
     call.add_argument("root", help="the folder from which its module is imported")
     call.add_argument("module", help="the module")
     call.add_argument("function", help="the function")
