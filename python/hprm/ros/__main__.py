@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any
@@ -75,6 +76,7 @@ def main() -> int:
     from hprm.ros._members import Plan
 
     plans = [Plan.of_script(path, arguments) for path, *arguments in programs]
+    plans[0] = replace(plans[0], has_input=True)
     return coordinate(plans, settings, options.logical_trace, is_fast=options.fast)
 
 
