@@ -180,6 +180,24 @@ class Runtime:
 
         self.request(tell)
 
+    def tell_alive(self, endpoint: Endpoint, is_alive: bool) -> None:
+        """Tell whether a publisher has asserted in time that it is alive."""
+
+        def tell() -> None:
+            self._late.note_alive(endpoint, is_alive)
+            self._announce("alive", [asdict(endpoint), is_alive])
+
+        if self._holds():
+            tell()
+            # What looks at the graph has done so at this tag, perhaps, so it does again.
+            self._set(0, Alarm(lambda: None))
+        else:
+            self.request(tell)
+
+    def dead(self, topic: str) -> int:
+        """Return how many publishers of a topic are there, but not alive."""
+        return self._late.dead(topic)
+
     def _own_name(self) -> str:
         return self._membership.name if self._membership else ""
 

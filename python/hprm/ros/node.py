@@ -11,6 +11,7 @@ from hprm.ros._entity import Entity
 from hprm.ros._graph import Endpoint
 from hprm.ros._interface import type_name
 from hprm.ros._keeping import LateTaker
+from hprm.ros._liveliness import Assertions
 from hprm.ros._names import absolute_namespace, full_node_name, logger_name
 from hprm.ros._others import Others
 from hprm.ros._parameter_services import ParameterEvents, ParameterServices
@@ -211,7 +212,9 @@ class Node(Parameters, Others):
             _declare_qos_parameters(Publisher, self, name, qos, qos_overriding_options)
         group = callback_group or self._default_callback_group
         made = publisher_class(self, msg_type, name, qos)
-        self._declare(made, self._endpoint("publisher", name, type_, qos))
+        endpoint = self._endpoint("publisher", name, type_, qos)
+        self._declare(made, endpoint)
+        made._assertions = Assertions.of(made, endpoint)
         self._publishers.append(made)
         self._watch(made, event_callbacks, group)
         return made

@@ -13,6 +13,7 @@ from hprm.ros.exceptions import InvalidHandle
 from hprm.ros.qos import DurabilityPolicy
 
 if TYPE_CHECKING:
+    from hprm.ros._liveliness import Assertions
     from hprm.ros.duration import Duration
     from hprm.ros.node import Node
     from hprm.ros.qos import QoSProfile
@@ -33,6 +34,8 @@ class Publisher(Generic[MsgT]):
         self.topic = topic
         self.qos_profile = qos_profile
         self._destroyed = False
+        #: What it has asserted of its liveliness, if its policy asks for that.
+        self._assertions: Assertions | None = None
         #: What later subscriptions get of it.
         self._kept: Kept | None = None
         if qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL:
@@ -74,7 +77,9 @@ class Publisher(Generic[MsgT]):
         return self.topic
 
     def assert_liveliness(self) -> None:
-        """Do nothing: a publisher is alive as long as its process."""
+        """Assert that it is alive, if its policy is ``MANUAL_BY_TOPIC``: others are while there."""
+        if self._assertions is not None:
+            self._assertions.note()
 
     def wait_for_all_acked(self, timeout: Duration | None = None) -> bool:
         """Return at once: what was published is in order on its way."""
