@@ -216,3 +216,32 @@ def test_nodes_know_the_actions_of_others(run) -> None:
     kind = "['example_interfaces/action/Fibonacci']"
     both = f"[('/count', {kind}), ('/deep/more', {kind})]"
     assert run(ACTIONS) == [both, f"[('/count', {kind})]", "[]", both]
+
+
+SIGNALS = """
+import os, signal
+from rclpy import signals
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.signals import SignalHandlerOptions
+
+print(signals.get_current_signal_handlers_options().name)
+print(rclpy_implementation.RCLError.__name__)
+print(node.get_node_names_and_namespaces_with_enclaves())
+signals.install_signal_handlers(SignalHandlerOptions.SIGTERM)
+print(signals.get_current_signal_handlers_options().name)
+os.kill(os.getpid(), signal.SIGTERM)
+while rclpy.ok():
+    time.sleep(0.01)
+rclpy.try_shutdown()
+print(signals.get_current_signal_handlers_options().name, flush=True)
+os.kill(os.getpid(), signal.SIGTERM)
+print("never")
+"""
+
+
+def test_signals_end_a_program_again_after_the_shutdown(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "one.py").write_text(HEAD + SIGNALS)
+    outcome = finish(bench.call("ros", "run", "one.py"))
+    assert outcome.code in (143, -15), outcome.err
+    nodes = "[('node', '/', '/')]"
+    assert outcome.out.splitlines() == ["ALL", "RCLError", nodes, "SIGTERM", "NO"]
