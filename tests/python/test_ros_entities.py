@@ -245,3 +245,43 @@ def test_signals_end_a_program_again_after_the_shutdown(bench: Bench, tmp_path: 
     assert outcome.code in (143, -15), outcome.err
     nodes = "[('node', '/', '/')]"
     assert outcome.out.splitlines() == ["ALL", "RCLError", nodes, "SIGTERM", "NO"]
+
+
+NAMES = """
+from rclpy.event_handler import QoSLivelinessChangedInfo, QoSLivelinessLostInfo
+from rclpy.event_handler import QoSMessageLostInfo, QoSPublisherMatchedInfo
+from rclpy.event_handler import QoSOfferedDeadlineMissedInfo, QoSOfferedIncompatibleQoSInfo
+from rclpy.event_handler import QoSRequestedDeadlineMissedInfo, QoSRequestedIncompatibleQoSInfo
+from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
+from rclpy.node import HIDDEN_NODE_PREFIX, NodeNameNonExistentError
+from rclpy.parameter import PARAMETER_SEPARATOR_STRING
+from rclpy.qos import QoSProfile
+from rclpy.subscription import MessageInfo
+from rclpy.utilities import get_available_rmw_implementations
+
+server = ActionServer(node, Fibonacci, "count", lambda goal: Fibonacci.Result())
+server.register_handle_accepted_callback(handle_accepted_callback=None)
+print(node.get_fully_qualified_node_names(), get_available_rmw_implementations())
+print(HIDDEN_NODE_PREFIX, PARAMETER_SEPARATOR_STRING)
+told = []
+def missed(event: QoSRequestedDeadlineMissedInfo):
+    told.append(event)
+def hear(message: String, info: MessageInfo):
+    print(info["received_timestamp"] == node.get_clock().now().nanoseconds)
+node.create_subscription(
+    String, "chatter", hear, QoSProfile(depth=1, deadline=Duration(seconds=0.05)),
+    event_callbacks=SubscriptionEventCallbacks(deadline=missed),
+)
+node.create_publisher(String, "chatter", 1).publish(String())
+while not told:
+    rclpy.spin_once(node)
+print(type(told[0]) is QoSRequestedDeadlineMissedInfo)
+try:
+    node.get_publisher_names_and_types_by_node("nobody", "/")
+except NodeNameNonExistentError:
+    print("nobody")
+"""
+
+
+def test_programs_import_the_names_of_rclpy_for_annotations_and_errors(run) -> None:
+    assert run(NAMES) == ["['/node'] {'hprm'}", "_ .", "True", "True", "nobody"]

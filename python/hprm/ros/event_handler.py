@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from hprm.ros._entity import Entity
 from hprm.ros.callback_groups import CallbackGroup
 from hprm.ros.exceptions import UnsupportedEventTypeError
-from hprm.ros.qos import _UNSPECIFIED
+from hprm.ros.qos import _UNSPECIFIED, QoSPolicyKind
 
 if TYPE_CHECKING:
     from hprm.ros.publisher import Publisher
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class QoSDeadlineOfferedMissedInfo:
+class QoSOfferedDeadlineMissedInfo:
     """How often a publisher has missed its deadline, and how often since the last callback."""
 
     total_count: int
@@ -31,7 +31,7 @@ class QoSDeadlineOfferedMissedInfo:
 
 
 @dataclass(frozen=True)
-class QoSDeadlineRequestedMissedInfo:
+class QoSRequestedDeadlineMissedInfo:
     """How often nothing has come before the deadline, and how often since the last callback."""
 
     total_count: int
@@ -62,6 +62,19 @@ class QoSMessageLostInfo:
 
     total_count: int
     total_count_change: int
+
+
+@dataclass(frozen=True)
+class QoSRequestedIncompatibleQoSInfo:
+    """What callbacks for policies that are not compatible take: there are no such events here."""
+
+    total_count: int = 0
+    total_count_change: int = 0
+    last_policy_kind: QoSPolicyKind = QoSPolicyKind.INVALID
+
+
+#: The same for publishers.
+QoSOfferedIncompatibleQoSInfo = QoSRequestedIncompatibleQoSInfo
 
 
 @dataclass(frozen=True)
@@ -258,7 +271,7 @@ class SubscriptionEventCallbacks(_EventCallbacks):
         made: list[EventHandler] = []
         group: Any = {"callback_group": callback_group}
         if self.deadline is not None:
-            missed = QoSDeadlineRequestedMissedInfo
+            missed = QoSRequestedDeadlineMissedInfo
             made.append(_Deadline(subscription, missed, callback=self.deadline, **group))
         if self.liveliness is not None:
             made.append(_Liveliness(subscription, callback=self.liveliness, **group))
@@ -281,7 +294,7 @@ class PublisherEventCallbacks(_EventCallbacks):
         made: list[EventHandler] = []
         group: Any = {"callback_group": callback_group}
         if self.deadline is not None:
-            missed = QoSDeadlineOfferedMissedInfo
+            missed = QoSOfferedDeadlineMissedInfo
             made.append(_Deadline(publisher, missed, callback=self.deadline, **group))
         if self.liveliness is not None:
             made.append(_LivelinessLost(publisher, callback=self.liveliness, **group))

@@ -23,6 +23,7 @@ from hprm.ros.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGro
 from hprm.ros.client import Client
 from hprm.ros.clock import Clock, ROSClock
 from hprm.ros.exceptions import InvalidHandle, NotInitializedException
+from hprm.ros.exceptions import NodeNameNonExistentError as NodeNameNonExistentError
 from hprm.ros.guard_condition import GuardCondition
 from hprm.ros.logging import get_logger
 from hprm.ros.logging_service import LoggingService
@@ -47,6 +48,9 @@ if TYPE_CHECKING:
     from hprm.ros.executors import Executor
 
 E = TypeVar("E", bound=Entity)
+
+#: With what the names of nodes begin that tools do not show.
+HIDDEN_NODE_PREFIX = "_"
 
 
 class Node(Parameters, Others):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from hprm.ros._entity import Entity, Queue
 from hprm.ros._graph import Flow
@@ -15,6 +15,15 @@ from hprm.ros.callback_groups import CallbackGroup
 if TYPE_CHECKING:
     from hprm.ros.node import Node
     from hprm.ros.qos import QoSProfile
+
+
+class MessageInfo(TypedDict):
+    """What is known of a message: the second argument of a callback that takes two."""
+
+    source_timestamp: int
+    received_timestamp: int
+    publication_sequence_number: int | None
+    reception_sequence_number: int | None
 
 
 class Subscription(Entity):
@@ -117,7 +126,7 @@ class Subscription(Entity):
         message = self._taken()
         if self._callback_type is Subscription.CallbackType.MessageOnly:
             return _call(self._callback, message)
-        info = {
+        info: MessageInfo = {
             "source_timestamp": received,
             "received_timestamp": received,
             "publication_sequence_number": None,

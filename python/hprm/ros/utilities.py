@@ -62,6 +62,11 @@ def get_rmw_implementation_identifier() -> str:
     return "hprm"
 
 
+def get_available_rmw_implementations() -> set[str]:
+    """Return what may carry messages."""
+    return {get_rmw_implementation_identifier()}
+
+
 def timeout_sec_to_nsec(timeout_sec: float | None) -> int:
     """Return a timeout in nanoseconds; -1 if there is none."""
     if timeout_sec is None or timeout_sec < 0:
