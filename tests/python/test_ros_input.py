@@ -48,16 +48,16 @@ def test_a_script_reads_keys_beside_another_one(tmp_path: Path) -> None:
     (tmp_path / "keys.py").write_text(KEYS)
     (tmp_path / "ear.py").write_text(EAR)
     ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [Path(sys.executable).parent / "hprm", "ros", "run", "keys.py", "+", "ear.py"],
+        cwd=tmp_path,
+        stdin=theirs,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
     try:
-        process = subprocess.Popen(
-            [Path(sys.executable).parent / "hprm", "ros", "run", "keys.py", "+", "ear.py"],
-            cwd=tmp_path,
-            stdin=theirs,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
         heard = hear(process.stdout, "ready\n")
         for key in "ab":
             os.write(ours, key.encode())
@@ -66,9 +66,8 @@ def test_a_script_reads_keys_beside_another_one(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         assert finish(process).code == 130
     finally:
+        process.kill()
         os.close(ours)
         os.close(theirs)
-    assert [it for it in heard.splitlines() if "[ear-2]" in it] == [
-        "[ear-2] key a",
-        "[ear-2] key b",
-    ]
+    keys = [it for it in heard.splitlines() if "[ear-2]" in it]
+    assert keys == ["[ear-2] key a", "[ear-2] key b"]
