@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from processes import Bench, finish
 
 from hprm.ros import _rclpy_pybind11
 from hprm.ros._overrides import Overrides, pattern_matches
@@ -257,3 +258,14 @@ def test_without_pyyaml_one_line_says_what_to_install() -> None:
         "ModuleNotFoundError: values of parameters need PyYAML, which is not installed: "
         "pip install 'hprm[ros]'\n"
     )
+
+
+@pytest.mark.parametrize("words", [["--z", "1"], ["--fast", "--domain-id"], ["--x", "--zen=2"]])
+def test_options_of_a_script_may_begin_like_those_of_the_command(
+    bench: Bench, tmp_path: Path, words: list[str]
+) -> None:
+    (tmp_path / "one.py").write_text("import sys\nprint(*sys.argv[1:])\n")
+    alone = finish(bench.call("ros", "run", "one.py", *words))
+    both = finish(bench.call("ros", "run", "one.py", *words, "+", "one.py", *words))
+    assert (alone.code, alone.out) == (0, " ".join(words) + "\n"), alone.err
+    assert sorted(both.out.splitlines()) == [f"[one-{at}] {' '.join(words)}" for at in (1, 2)]

@@ -233,3 +233,33 @@ def test_a_node_writes_a_bag_with_the_packages_of_ros(bench: Bench) -> None:
         values.append(deserialize_message(data, class_of("std_msgs/msg/Int32")).data)
     assert values == [0, 1, 2, 3, 4]
     assert {b - a for a, b in zip(times, times[1:], strict=False)} == {10_000_000}
+
+
+def test_the_modules_of_rosbag2_have_what_programs_take_from_them(tmp_path: Path) -> None:
+    storage = _rosbag2_py._storage
+    write(tmp_path / "bag", storage.get_default_storage_id())
+    reader = _rosbag2_py._reader.SequentialReader()
+    reader.open(storage.StorageOptions(str(tmp_path / "bag")), storage.ConverterOptions("", ""))
+    assert isinstance(reader.get_all_topics_and_types()[0], storage.TopicMetadata)
+    assert _rosbag2_py._info.Info is _rosbag2_py.Info
+    assert _rosbag2_py._writer.SequentialWriter is _rosbag2_py.SequentialWriter
+    with pytest.raises(ImportError, match="hprm bag play"):
+        _rosbag2_py.Player  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("wanted", "left"),
+    [
+        ({"regex": "/[ab]", "exclude_topics": ["/b"]}, {"/a"}),
+        ({"regex_to_exclude": "/a"}, {"/b"}),
+        ({"topics": ["/a", "/b"], "regex_to_exclude": "/.*"}, set()),
+        ({"topics_regex": "/b"}, {"/b"}),
+    ],
+)
+def test_topics_are_left_out_by_names_and_expressions(
+    tmp_path: Path, wanted: dict[str, Any], left: set[str]
+) -> None:
+    write(tmp_path / "bag")
+    reader = opened(tmp_path / "bag")
+    reader.set_filter(_rosbag2_py.StorageFilter(**wanted))
+    assert {topic for topic, _ in rest(reader)} == left

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from processes import Bench, finish
 
-from hprm.ros import _messages
+from hprm.ros import _messages, _tf2_ros, _tf2_sensor_msgs
 from hprm.ros._messages import class_of
 from hprm.ros._sensor_msgs_py import point_cloud2
 
@@ -110,3 +110,69 @@ def test_programs_import_it_by_its_name(bench: Bench) -> None:
     )
     done = finish(bench.call("ros", "run", "cloud.py"))
     assert (done.code, done.out) == (0, "[Point(x=1.0, y=2.0, z=3.0)]\n"), done.err
+
+
+def transform(frame: str, place: tuple[float, ...], turn: tuple[float, ...]) -> Any:
+    made = class_of("geometry_msgs/msg/TransformStamped")()
+    made.header.frame_id, made.child_frame_id = frame, "sensor"
+    moved, turned = made.transform.translation, made.transform.rotation
+    moved.x, moved.y, moved.z = place
+    turned.x, turned.y, turned.z, turned.w = turn
+    return made
+
+
+def test_a_cloud_is_turned_and_moved_and_keeps_its_other_fields() -> None:
+    kinds = [Field.FLOAT32, Field.FLOAT32, Field.FLOAT64, Field.UINT16]
+    fields = [
+        Field(name=name, offset=8 * at, datatype=kind, count=1)
+        for at, (name, kind) in enumerate(zip("xyzi", kinds, strict=True))
+    ]
+    points = [(1.0, 2.0, 3.0, 7), (0.0, 0.0, 0.0, 8)]
+    cloud = point_cloud2.create_cloud(Header(frame_id="sensor"), fields, points, 32)
+    # A quarter turn about z, and a step.
+    half = 0.5**0.5
+    moved = _tf2_sensor_msgs.do_transform_cloud(
+        cloud, transform("map", (10.0, 20.0, 30.0), (0.0, 0.0, half, half))
+    )
+    assert (moved.header.frame_id, moved.point_step, moved.fields) == ("map", 32, cloud.fields)
+    found = point_cloud2.read_points(moved)
+    assert [tuple(round(float(it), 4) for it in point) for point in found] == [
+        (8.0, 21.0, 33.0, 7.0),
+        (10.0, 20.0, 30.0, 8.0),
+    ]
+    assert point_cloud2.read_points(cloud).tolist() == points
+
+
+def test_an_organized_cloud_stays_one_when_it_is_transformed() -> None:
+    grid = np.zeros((2, 3, 3), np.float32)
+    fields = point_cloud2.create_cloud_xyz32(Header(), [(0, 0, 0)]).fields
+    cloud = point_cloud2.create_cloud(Header(), fields, grid)
+    step = transform("map", (1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    moved = _tf2_sensor_msgs.do_transform_cloud(cloud, step.transform)
+    shape = moved.height, moved.width
+    assert (shape, moved.header.frame_id) == ((cloud.height, cloud.width), "")
+    assert shape in ((2, 3), (3, 2))
+    assert point_cloud2.read_points(moved)["x"].tolist() == [1.0] * 6
+    with pytest.raises(AssertionError, match="the fields x, y and z"):
+        _tf2_sensor_msgs.do_transform_cloud(class_of("sensor_msgs/msg/PointCloud2")(), step)
+
+
+def test_a_buffer_transforms_clouds() -> None:
+    buffer = _tf2_ros.Buffer()
+    buffer.set_transform_static(transform("map", (0.0, 0.0, 5.0), (0.0, 0.0, 0.0, 1.0)), "test")
+    cloud = point_cloud2.create_cloud_xyz32(Header(frame_id="sensor"), [(1.0, 2.0, 3.0)])
+    moved = buffer.transform(cloud, "map")
+    assert moved.header.frame_id == "map"
+    assert point_cloud2.read_points_list(moved) == [(1.0, 2.0, 8.0)]
+
+
+def test_the_modules_of_transforms_have_their_names(bench: Bench) -> None:
+    (bench.folder / "one.py").write_text(
+        "from tf2_sensor_msgs.tf2_sensor_msgs import do_transform_cloud, transform_points\n"
+        "from tf2_geometry_msgs.tf2_geometry_msgs import do_transform_pose\n"
+        "import tf2_geometry_msgs, tf2_sensor_msgs\n"
+        "print(tf2_geometry_msgs.do_transform_pose is do_transform_pose)\n"
+        "print(tf2_sensor_msgs.do_transform_cloud is do_transform_cloud)\n"
+    )
+    outcome = finish(bench.call("ros", "run", "one.py"))
+    assert (outcome.code, outcome.out) == (0, "True\nTrue\n"), outcome.err

@@ -45,6 +45,7 @@ from hprm.ros._tf2_ros._geometry import (
     rotate,
     slerp,
 )
+from hprm.ros._tf2_ros.transform_listener import DEFAULT_STATIC_TF_TOPIC, DEFAULT_TF_TOPIC
 from hprm.ros.duration import Duration
 from hprm.ros.qos import DurabilityPolicy
 from hprm.ros.time import Time
@@ -538,6 +539,12 @@ def test_broadcasters_and_listeners_share_two_topics() -> None:
     assert {topic: qos.depth for topic, _, qos in node.made[:2]} == {"/tf": 100, "/tf_static": 100}
     listener.unregister()
     assert node.destroyed == ["/tf", "/tf_static"]
+    topics = {
+        "tf_topic": "/a" + DEFAULT_TF_TOPIC,
+        "tf_static_topic": "/a" + DEFAULT_STATIC_TF_TOPIC,
+    }
+    TransformListener(buffer, node, **topics)
+    assert [topic for topic, _, _ in node.made[-2:]] == ["/a/tf", "/a/tf_static"]
 
 
 def test_a_static_broadcaster_repeats_what_it_sent() -> None:

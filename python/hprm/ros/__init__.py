@@ -11,11 +11,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from hprm.ros import _messages, _process
+from hprm.ros import _messages
 from hprm.ros.context import Context
 from hprm.ros.executors import Executor, SingleThreadedExecutor
 from hprm.ros.parameter import Parameter
-from hprm.ros.signals import SignalHandlerOptions
+from hprm.ros.signals import SignalHandlerOptions, install_signal_handlers
 from hprm.ros.task import Future
 from hprm.ros.utilities import get_default_context, ok, shutdown, try_shutdown
 
@@ -75,7 +75,7 @@ class InitContextManager:
         traceback: TracebackType | None,
     ) -> None:
         """Shut down, if that has not happened."""
-        self.context.try_shutdown()
+        try_shutdown(context=self.context)
 
 
 def init(
@@ -107,7 +107,7 @@ def init(
         )
     chosen.init(args, domain_id=domain_id)
     if signal_handler_options != SignalHandlerOptions.NO:
-        _process.handle_signals()
+        install_signal_handlers(signal_handler_options)
     return InitContextManager(chosen)
 
 

@@ -11,12 +11,13 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any
 
 from hprm import _startup
-from hprm.ros import _aliases, _meeting, _process, _runtime, _sleeping, _words
+from hprm.ros import _aliases, _meeting, _process, _runtime, _sleeping, _user_modules, _words
 from hprm.ros.exceptions import ROSInterruptException
 from hprm.ros.executors import ExternalShutdownException
 
@@ -75,6 +76,7 @@ def main() -> int:
     from hprm.ros._members import Plan
 
     plans = [Plan.of_script(path, arguments) for path, *arguments in programs]
+    plans[0] = replace(plans[0], has_input=True)
     return coordinate(plans, settings, options.logical_trace, is_fast=options.fast)
 
 
@@ -82,15 +84,17 @@ def _parser() -> argparse.ArgumentParser:
     """What can be typed."""
     parser = argparse.ArgumentParser(prog="python -m hprm.ros", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
-    run = commands.add_parser("run", help="run scripts that import rclpy")
+    # What a script takes may begin like an option of HPRM.
+    whole: Any = {"allow_abbrev": False}
+    run = commands.add_parser("run", help="run scripts that import rclpy", **whole)
     _add_options(run)
     run.add_argument("words", nargs=argparse.REMAINDER, help="a script with arguments, + another")
-    launch = commands.add_parser("launch", help="start what a launch file asks for")
+    launch = commands.add_parser("launch", help="start what a launch file asks for", **whole)
     _add_options(launch)
     launch.add_argument("--show-args", action="store_true", help="show its arguments")
     launch.add_argument("file", help="a launch file in Python, XML or YAML")
     launch.add_argument("arguments", nargs="*", help="NAME:=VALUE")
-    call = commands.add_parser("call", help="call a function, as an entry point does")
+    call = commands.add_parser("call", help="call a function, as an entry point does", **whole)
     call.add_argument("root", help="the folder from which its module is imported")
     call.add_argument("module", help="the module")
     call.add_argument("function", help="the function")
@@ -118,6 +122,7 @@ def _run(script: str, *arguments: str) -> int:
     """Run a script as Python does."""
     sys.argv = [script, *arguments]
     sys.path[0] = os.path.dirname(os.path.abspath(script))
+    _user_modules.install(Path(script))
     return _program(lambda: runpy.run_path(script, run_name="__main__"))
 
 
@@ -125,6 +130,8 @@ def _call(options: argparse.Namespace) -> int:
     """Call the function of an entry point, as the script does that pip makes of it."""
     sys.argv = [options.function, *options.arguments]
     sys.path[0] = options.root
+    # Any file of the package, around which others are.
+    _user_modules.install(Path(options.root, "setup.py"))
 
     def call() -> object:
         found: Any = importlib.import_module(options.module)

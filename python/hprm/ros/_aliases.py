@@ -34,6 +34,7 @@ NAMES = {
             "tf2_geometry_msgs",
             "tf2_py",
             "tf2_ros",
+            "tf2_sensor_msgs",
         )
     },
 }

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from hprm.ros.callback_groups import CallbackGroup
 
 if TYPE_CHECKING:
     from hprm.ros.node import Node
+
+E = TypeVar("E", bound="Entity")
 
 
 class Entity:
@@ -34,8 +37,22 @@ class Entity:
         raise NotImplementedError
 
     def destroy(self) -> None:
-        """Have no callbacks any more."""
+        """Have no callbacks any more, and count as gone; again is no error."""
         self._destroyed = True
+        self._node._withdraw(self)
+
+    def __enter__(self: E) -> E:
+        """Return the entity."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Destroy it."""
+        self.destroy()
 
 
 class Queue:
@@ -54,6 +71,12 @@ class Queue:
             self._messages.popleft()
             self.dropped += 1
         self._messages.append(message)
+
+    def put_before(self, messages: list[Any]) -> None:
+        """Add messages that are older than those that wait, as many as there is room for."""
+        room = len(messages) if self._depth is None else self._depth - len(self._messages)
+        if room > 0:
+            self._messages.extendleft(reversed(messages[-room:]))
 
     def first(self) -> Any:
         """Return the oldest message."""

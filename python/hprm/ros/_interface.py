@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import inspect
 from typing import Any
 
 from hprm.ros import _messages
@@ -35,6 +36,18 @@ def check_callback(callback: Any) -> None:
     """Raise a TypeError if what is to be called cannot be."""
     if not callable(callback):
         raise TypeError(f"a callback has to be callable, and {callback!r} is not")
+
+
+def takes(callback: Any, number: int) -> bool:
+    """Return whether something can be called with so many arguments, as far as that is known."""
+    try:
+        inspect.signature(callback).bind(*[object()] * number)
+    except TypeError:
+        return False
+    except ValueError:
+        # Some functions in C do not tell.
+        return number == 1
+    return True
 
 
 def copy_of(message: Any) -> Any:

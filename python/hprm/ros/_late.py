@@ -20,6 +20,8 @@ class LateEndpoints:
         #: What was declared before the start, and is there no more.
         self._gone: list[tuple[str, Endpoint]] = []
         self._nodes: list[tuple[str, str]] = []
+        #: Publishers that are there and have not asserted in time that they are alive.
+        self._dead: list[Endpoint] = []
         self._open: set[Flow] = set()
         self._receivers: dict[Flow, list[int]] = {}
 
@@ -34,7 +36,19 @@ class LateEndpoints:
             self._late.remove((script, endpoint))
         else:
             self._gone.append((script, endpoint))
+        self.note_alive(endpoint, True)
         self._receivers.clear()
+
+    def note_alive(self, endpoint: Endpoint, is_alive: bool) -> None:
+        """Note whether a publisher has asserted that it is alive; one that is gone counts not."""
+        if not is_alive:
+            self._dead.append(endpoint)
+        elif endpoint in self._dead:
+            self._dead.remove(endpoint)
+
+    def dead(self, topic: str) -> int:
+        """Return how many publishers of a topic are there, but not alive."""
+        return sum(it.name == topic for it in self._dead)
 
     def left(self, script: str, declared: Iterable[Endpoint]) -> Iterator[Endpoint]:
         """Return what is still there of what a script had declared at the start."""
@@ -56,6 +70,8 @@ class LateEndpoints:
                 self._late.append((told[0], Endpoint(**told[1])))
             case "endpoint gone":
                 self.withdraw(told[0], Endpoint(**told[1]))
+            case "alive":
+                self.note_alive(Endpoint(**told[1][0]), told[1][1])
             case "node":
                 self._nodes.append((told[0], told[1]))
             case "node gone":
@@ -69,6 +85,10 @@ class LateEndpoints:
     def endpoints(self) -> Iterator[Endpoint]:
         """Return the late endpoints."""
         yield from (endpoint for _, endpoint in list(self._late))
+
+    def of_scripts(self) -> list[tuple[str, Endpoint]]:
+        """Return the late endpoints with the names of their scripts."""
+        return list(self._late)
 
     def nodes(self) -> Iterator[str]:
         """Return the full names of late nodes."""

@@ -39,6 +39,8 @@ class Plan:
     respawn: Respawn | None = None
     #: What is said when it has ended.
     farewell: tuple[str, ...] = ()
+    #: Whether it reads what is typed: one process can.
+    has_input: bool = False
 
     @classmethod
     def of_script(cls, path: str, arguments: Sequence[str], name: str | None = None) -> Plan:
@@ -85,7 +87,7 @@ class Member:
                 plan.command,
                 cwd=plan.folder,
                 env=environment | {"PYTHONUNBUFFERED": "1"},
-                stdin=subprocess.DEVNULL,
+                stdin=None if plan.has_input else subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 pass_fds=[theirs.fileno()],

@@ -98,6 +98,14 @@ class Others:
         parts = (name.rpartition("/") for name in self._runtime.node_names())
         return [(name, namespace or "/") for namespace, _, name in parts]
 
+    def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
+        """Return the names and namespaces of all nodes; there is one enclave of security."""
+        return [(name, namespace, "/") for name, namespace in self.get_node_names_and_namespaces()]
+
+    def get_fully_qualified_node_names(self) -> list[str]:
+        """Return the names of all nodes with their namespaces before them."""
+        return self._runtime.node_names()
+
     def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
         """Wait until there is a node, or for so many seconds; return whether there is."""
         name = "/" + fully_qualified_node_name.lstrip("/")

@@ -97,14 +97,28 @@ def on_stop(action: Callable[[], object]) -> None:
     _on_stop.append(action)
 
 
-def handle_signals() -> None:
-    """Let SIGINT and SIGTERM shut all contexts down, as far as the program has no handlers."""
+def handle_signals(*numbers: int) -> None:
+    """Let these of SIGINT and SIGTERM shut all contexts down, and the other one not.
+
+    A signal for which the program has a handler of its own keeps that.
+    """
     if threading.current_thread() is not threading.main_thread():
         return
-    if signal.getsignal(signal.SIGINT) in (signal.default_int_handler, _interrupt):
-        signal.signal(signal.SIGINT, _interrupt)
-    if signal.getsignal(signal.SIGTERM) in (signal.SIG_DFL, _terminate):
-        signal.signal(signal.SIGTERM, _terminate)
+    for number, default, ours in _handlers():
+        if signal.getsignal(number) in (default, ours):
+            signal.signal(number, ours if number in numbers else default)
+
+
+def handled_signals() -> list[int]:
+    """Return which signals shut all contexts down."""
+    return [number for number, _, ours in _handlers() if signal.getsignal(number) == ours]
+
+
+def _handlers() -> list[tuple[int, Any, Any]]:
+    return [
+        (signal.SIGINT, signal.default_int_handler, _interrupt),
+        (signal.SIGTERM, signal.SIG_DFL, _terminate),
+    ]
 
 
 def _interrupt(number: int, frame: FrameType | None) -> Any:

@@ -26,6 +26,7 @@ from typing import Any
 from hprm import _hprm
 from hprm.ros._federation import Process
 from hprm.ros._graph import Endpoint, Flow
+from hprm.ros._keeping import PATIENCE_NS, Keeping, Kept, LateTaker, durable_scripts
 from hprm.ros._late import LateEndpoints
 from hprm.ros._meeting import Meeting, Membership
 from hprm.ros._pace import STEP_NS, Pace
@@ -120,6 +121,8 @@ class Runtime:
         #: Only if logical time does not wait for the physical one.
         self._pace: Pace | None = None
         self._late = LateEndpoints()
+        #: What publishers here keep for later subscriptions.
+        self.keeping = Keeping()
         #: What is called when there are other endpoints, and whether that is due.
         self._lookers: list[Callable[[], None]] = []
         self._graph_is_new = True
@@ -133,16 +136,29 @@ class Runtime:
 
     # What scripts declare.
 
-    def declare(self, endpoint: Endpoint, deliver: Deliver | None = None) -> None:
-        """Declare an endpoint; ``deliver`` gets each message that it takes."""
-        if endpoint.takes is not None and deliver is not None:
-            self._takers.setdefault(endpoint.takes, []).append(deliver)
-        if self._loop is None:
+    def declare(
+        self, endpoint: Endpoint, deliver: Deliver | None = None, late: LateTaker | None = None
+    ) -> None:
+        """Declare an endpoint; ``deliver`` gets each message that it takes.
+
+        ``late`` is what takes them if it also gets those that publishers have kept.
+        """
+        flow, is_early = endpoint.takes, self._loop is None
+        if flow is not None and deliver is not None and (is_early or late is None):
+            self._takers.setdefault(flow, []).append(deliver)
+        if is_early:
             self.meeting.declare(endpoint)
+            if flow is not None and late is not None:
+                self.keeping.first.append((flow, late))
             return
         # Too late for a connection.
         self._late.note(self._own_name(), endpoint)
         self.request(lambda: self._announce("endpoint", asdict(endpoint)))
+        if flow is not None and late is not None:
+            if self._holds():
+                self._take_kept(flow, late)
+            else:
+                self.request(lambda: self._take_kept(flow, late))
 
     def declare_node(self, name: str) -> None:
         """Declare a node, by its full name."""
@@ -164,6 +180,24 @@ class Runtime:
 
         self.request(tell)
 
+    def tell_alive(self, endpoint: Endpoint, is_alive: bool) -> None:
+        """Tell whether a publisher has asserted in time that it is alive."""
+
+        def tell() -> None:
+            self._late.note_alive(endpoint, is_alive)
+            self._announce("alive", [asdict(endpoint), is_alive])
+
+        if self._holds():
+            tell()
+            # What looks at the graph has done so at this tag, perhaps, so it does again.
+            self._set(0, Alarm(lambda: None))
+        else:
+            self.request(tell)
+
+    def dead(self, topic: str) -> int:
+        """Return how many publishers of a topic are there, but not alive."""
+        return self._late.dead(topic)
+
     def _own_name(self) -> str:
         return self._membership.name if self._membership else ""
 
@@ -177,7 +211,9 @@ class Runtime:
 
     def withdraw(self, flow: Flow, deliver: Deliver) -> None:
         """Give no more messages to a function that :meth:`declare` has had."""
-        self._takers[flow].remove(deliver)
+        takers = self._takers.get(flow, [])
+        if deliver in takers:
+            takers.remove(deliver)
 
     # What threads of scripts do.
 
@@ -214,10 +250,13 @@ class Runtime:
             return self._start_ns
         return time.time_ns() - self._shift_ns
 
-    def publish(self, flow: Flow, message: Any) -> None:
-        """Send a message at the tag that this thread holds, or as soon as possible."""
+    def publish(self, flow: Flow, message: Any, kept: Kept | None = None) -> None:
+        """Send a message at the tag that this thread holds, or as soon as possible.
+
+        It is one of those in ``kept`` from then on.
+        """
         if self._holds():
-            self._send(flow, message)
+            self._send(flow, message, kept)
             return
         with self._lock:
             if not self._has_begun and self._starter is None:
@@ -225,7 +264,7 @@ class Runtime:
                 self._starter = threading.Timer(STARTING_S, self.start)
                 self._starter.daemon = True
                 self._starter.start()
-        self.request(lambda: self._send(flow, message))
+        self.request(lambda: self._send(flow, message, kept))
 
     def tell(self, flow: Flow, make: Callable[[], Any]) -> None:
         """Publish what a node tells of itself, if it is taken; this is no reason to begin."""
@@ -480,6 +519,10 @@ class Runtime:
         for endpoint in membership.undeclared(self.meeting.endpoints):
             self._late.note(membership.name, endpoint)
             self._announce("endpoint", asdict(endpoint))
+        if process.elapsed():
+            # One that may come back has begun later than others, or again.
+            for flow, taker in self.keeping.first:
+                self._ask_for_kept(flow, taker, {it.name for it in membership.graph.scripts}, {})
         self._do_requests()
         self._finish()
 
@@ -516,8 +559,10 @@ class Runtime:
             self._send_outgoing()
 
     def _take(self, process: Process, name: str, flow: Flow) -> None:
-        for channel in getattr(process, name):
+        for number, channel in enumerate(getattr(process, name)):
             if channel.is_present:
+                if flow.kind == "topic":
+                    self.keeping.note_taken(name, number, len(channel.value))
                 for message in channel.value:
                     self._deliver(flow, message)
 
@@ -526,6 +571,8 @@ class Runtime:
         for name, flow in membership.inputs:
             if flow.kind != "topic":
                 self._take(process, name, flow)
+            else:
+                self.keeping.take_early(name, flow, process, membership)
         if self._has_hub and process.from_hub.is_present:  # type: ignore[attr-defined]
             news = process.from_hub.value  # type: ignore[attr-defined]
             self._take_news([it for it in news if it[0] != "message" or it[1] != "topic"])
@@ -535,6 +582,10 @@ class Runtime:
             process.leave()
         elif process.wake.is_present:  # type: ignore[attr-defined]
             self._waits_to_begin = False
+            self.keeping.deliver_early(membership)
+            for flow, taker in self.keeping.first:
+                others = {it.name for it in membership.graph.scripts}
+                self._ask_for_kept(flow, taker, others - self._linked(flow), {})
             self._do_requests()
             self._finish()
 
@@ -554,8 +605,12 @@ class Runtime:
         """Note what others have made, and deliver what has come over the hub."""
         for kind, *told in news:
             if kind == "message":
-                flow_kind, name, message = told
-                self._deliver(Flow(flow_kind, name), message)
+                flow_kind, name, message, *sender = told
+                self._deliver(Flow(flow_kind, name), message, *sender)
+            elif kind == "kept wanted":
+                self._tell_kept(*told)
+            elif kind == "kept":
+                self.keeping.answer(*told)
             else:
                 self._late.take(kind, told)
                 self._see_graph()
@@ -572,11 +627,15 @@ class Runtime:
         while self._requests:
             self._requests.popleft()()
 
-    def _deliver(self, flow: Flow, message: Any) -> None:
+    def _deliver(self, flow: Flow, message: Any, sender: str | None = None) -> None:
+        """Deliver a message, which has come over the hub if the sender is stated."""
+        # What it has sent before it answers is in the answer.
+        waiting = () if sender is None else self.keeping.waiting(sender)
         for deliver in self._takers.get(flow, ()):
-            deliver(message)
+            if not waiting or getattr(deliver, "__self__", None) not in waiting:
+                deliver(message)
 
-    def _send(self, flow: Flow, message: Any) -> None:
+    def _send(self, flow: Flow, message: Any, kept: Kept | None = None) -> None:
         if flow.kind == "request" and flow not in self._unserved and not self.is_taken(flow):
             self._unserved.add(flow)
             print(
@@ -585,6 +644,8 @@ class Runtime:
                 "  hint: call wait_for_service() of the client before, and look what it returns",
                 file=sys.stderr,
             )
+        if flow.kind == "topic":
+            self.keeping.note_sent(flow, message, kept, 0 if kept is None else self.now())
         self._outgoing.setdefault(flow, []).append(message)
         if flow in self._takers:
             self._to_itself.append((flow, message))
@@ -592,7 +653,8 @@ class Runtime:
         if membership is not None and membership.joining is not None:
             receivers = self._late.unlinked(flow, membership)
             if receivers:
-                self._news.append((receivers, ("message", flow.kind, flow.name, message)))
+                what = ("message", flow.kind, flow.name, message, membership.name)
+                self._news.append((receivers, what))
 
     def _announce(self, kind: str, what: Any) -> None:
         """Tell the other processes, and nodes elsewhere, what there is now, or is no more."""
@@ -605,6 +667,49 @@ class Runtime:
             if graph.is_bridged:
                 others.append(len(names))
             self._news.append((others, (kind, membership.name, what)))
+
+    def _take_kept(self, flow: Flow, taker: LateTaker) -> None:
+        """Let a late subscription take messages from now on, and before what was kept."""
+        membership = self._membership
+        if taker.is_destroyed or membership is None:
+            return
+        self._takers.setdefault(flow, []).append(taker.deliver)
+        coming = {id(message) for to, message in self._to_itself if to == flow}
+        kept = self.keeping.of(flow, self.now())
+        taker.deliver_before([message for message in kept if id(message) not in coming])
+        taken = self.keeping.taken(flow, membership)
+        self._ask_for_kept(flow, taker, {it.name for it in membership.graph.scripts}, taken)
+
+    def _ask_for_kept(
+        self, flow: Flow, taker: LateTaker, names: set[str], taken: dict[str, int]
+    ) -> None:
+        """Ask scripts, by their names, for what they have kept, up to what was taken of them."""
+        membership = self._membership
+        assert membership is not None
+        if membership.joining is None:
+            return
+        scripts = [it.name for it in membership.graph.scripts]
+        found = durable_scripts(flow, membership, self._late.of_scripts()) & names
+        if not found:
+            return
+        number = self.keeping.ask(taker, found)
+        self.call_at(PATIENCE_NS, lambda: self.keeping.forget_asked(number))
+        what = ("kept wanted", scripts.index(membership.name), flow.kind, flow.name, number, taken)
+        receivers = [scripts.index(it) for it in sorted(found)]
+        # After they have been told that there is a subscription.
+        self.request(lambda: self._news.append((receivers, what)))
+
+    def _tell_kept(
+        self, asker: int, kind: Any, name: str, number: int, taken: dict[str, int]
+    ) -> None:
+        messages = self.keeping.of(Flow(kind, name), self.now(), taken.get(self._own_name()))
+        self._news.append(([asker], ("kept", number, self._own_name(), messages)))
+
+    def _linked(self, flow: Flow) -> set[str]:
+        """Return which scripts have a connection for a topic to this one."""
+        membership = self._membership
+        assert membership is not None
+        return set(self.keeping.taken(flow, membership))
 
     def _set(self, delay_ns: int, alarm: Alarm) -> None:
         due_ns = int(self._tag.time) + delay_ns

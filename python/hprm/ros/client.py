@@ -118,6 +118,8 @@ class Client(ServiceEnd):
         def complete() -> None:
             self._introspection.tell("RESPONSE_RECEIVED", self._name, number, message)
             if future is not None and not future.done():
+                # The node may have another executor than when it has sent the request.
+                future._set_executor(self._node.executor)
                 future.set_result(copy_of(message))
 
         return complete

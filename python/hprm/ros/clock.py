@@ -45,6 +45,8 @@ class Clock:
             raise TypeError("Clock type must be a ClockType enum")
         self._clock_type = clock_type
         self._jump_handles: list[JumpHandle] = []
+        #: How many threads sleep by it.
+        self._sleepers = 0
 
     @property
     def clock_type(self) -> ClockType:
@@ -127,7 +129,11 @@ class Clock:
                 passed = was_set and self._now() >= until
                 return passed or self.is_set != was_set or not context.ok()
 
-            _process.runtime().block(is_over, None if was_set else nanoseconds)
+            self._sleepers += 1
+            try:
+                _process.runtime().block(is_over, None if was_set else nanoseconds)
+            finally:
+                self._sleepers -= 1
         return context.ok() and self.is_set == was_set
 
 
@@ -181,6 +187,8 @@ class ROSClock(Clock):
             follow(jump, before_ns)
         for handle in list(self._jump_handles):
             handle.after(jump)
+        if self._sleepers:
+            _process.runtime().wake()
 
     def _now(self) -> int:
         return self._set_to if self._is_active else super()._now()

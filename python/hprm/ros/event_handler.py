@@ -1,8 +1,8 @@
 """Callbacks for events of publishers and subscriptions, as ``rclpy.event_handler``.
 
-Three kinds of events happen here: a deadline is missed, another endpoint is there or is gone, and
-a queue has dropped messages. For the others, ``UnsupportedEventTypeError`` is raised, as by rclpy
-for what the middleware does not tell.
+Four kinds of events happen here: a deadline is missed, another endpoint is there or is gone,
+publishers are alive or no more, and a queue has dropped messages. For the others,
+``UnsupportedEventTypeError`` is raised, as by rclpy for what the middleware does not tell.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from hprm.ros._entity import Entity
 from hprm.ros.callback_groups import CallbackGroup
 from hprm.ros.exceptions import UnsupportedEventTypeError
-from hprm.ros.qos import _UNSPECIFIED
+from hprm.ros.qos import _UNSPECIFIED, QoSPolicyKind
 
 if TYPE_CHECKING:
     from hprm.ros.publisher import Publisher
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class QoSDeadlineOfferedMissedInfo:
+class QoSOfferedDeadlineMissedInfo:
     """How often a publisher has missed its deadline, and how often since the last callback."""
 
     total_count: int
@@ -31,8 +31,26 @@ class QoSDeadlineOfferedMissedInfo:
 
 
 @dataclass(frozen=True)
-class QoSDeadlineRequestedMissedInfo:
+class QoSRequestedDeadlineMissedInfo:
     """How often nothing has come before the deadline, and how often since the last callback."""
+
+    total_count: int
+    total_count_change: int
+
+
+@dataclass(frozen=True)
+class QoSLivelinessChangedInfo:
+    """How many publishers are alive, how many are there and are not, and what has changed."""
+
+    alive_count: int
+    not_alive_count: int
+    alive_count_change: int
+    not_alive_count_change: int
+
+
+@dataclass(frozen=True)
+class QoSLivelinessLostInfo:
+    """How often a publisher was alive no more, and how often since the last callback."""
 
     total_count: int
     total_count_change: int
@@ -44,6 +62,19 @@ class QoSMessageLostInfo:
 
     total_count: int
     total_count_change: int
+
+
+@dataclass(frozen=True)
+class QoSRequestedIncompatibleQoSInfo:
+    """What callbacks for policies that are not compatible take: there are no such events here."""
+
+    total_count: int = 0
+    total_count_change: int = 0
+    last_policy_kind: QoSPolicyKind = QoSPolicyKind.INVALID
+
+
+#: The same for publishers.
+QoSOfferedIncompatibleQoSInfo = QoSRequestedIncompatibleQoSInfo
 
 
 @dataclass(frozen=True)
@@ -146,6 +177,40 @@ class _Deadline(EventHandler):
         runtime.call_at(left, self._look)
 
 
+class _Liveliness(EventHandler):
+    """Looks how many publishers of a topic are alive."""
+
+    def __init__(self, of: Subscription, **rest: Any) -> None:
+        super().__init__(of, **rest)
+        self._topic, self._alive, self._dead = of.topic, 0, 0
+        self._node._runtime.on_graph(self._look)
+
+    def _look(self) -> None:
+        if self._destroyed:
+            return
+        runtime = self._node._runtime
+        dead = runtime.dead(self._topic)
+        alive = max(runtime.count("publisher", self._topic) - dead, 0)
+        changes = alive - self._alive, dead - self._dead
+        if any(changes):
+            self._alive, self._dead = alive, dead
+            self._waiting.append(QoSLivelinessChangedInfo(alive, dead, *changes))
+
+
+class _LivelinessLost(EventHandler):
+    """Counts how often a publisher has not asserted in time that it is alive."""
+
+    def __init__(self, of: Publisher[Any], **rest: Any) -> None:
+        super().__init__(of, **rest)
+        self._total = 0
+        if of._assertions is not None:
+            of._assertions.on_loss.append(self._note)
+
+    def _note(self) -> None:
+        self._total += 1
+        self._waiting.append(QoSLivelinessLostInfo(self._total, 1))
+
+
 class _Lost(EventHandler):
     """Counts what the queue of a subscription drops."""
 
@@ -180,11 +245,11 @@ class _EventCallbacks:
         self.use_default_callbacks = use_default_callbacks
 
     def _check(self) -> None:
-        for what in ("liveliness", "incompatible_qos", "incompatible_type"):
+        for what in ("incompatible_qos", "incompatible_type"):
             if getattr(self, what) is not None:
                 raise UnsupportedEventTypeError(
                     f"events of the kind '{what}' are not supported by hprm.ros: the endpoints of"
-                    " a topic exchange messages whatever their policies, until their process ends"
+                    " a topic exchange messages whatever their policies"
                 )
 
 
@@ -206,8 +271,10 @@ class SubscriptionEventCallbacks(_EventCallbacks):
         made: list[EventHandler] = []
         group: Any = {"callback_group": callback_group}
         if self.deadline is not None:
-            missed = QoSDeadlineRequestedMissedInfo
+            missed = QoSRequestedDeadlineMissedInfo
             made.append(_Deadline(subscription, missed, callback=self.deadline, **group))
+        if self.liveliness is not None:
+            made.append(_Liveliness(subscription, callback=self.liveliness, **group))
         if self.message_lost is not None:
             made.append(_Lost(subscription, callback=self.message_lost, **group))
         if self.matched is not None:
@@ -227,8 +294,10 @@ class PublisherEventCallbacks(_EventCallbacks):
         made: list[EventHandler] = []
         group: Any = {"callback_group": callback_group}
         if self.deadline is not None:
-            missed = QoSDeadlineOfferedMissedInfo
+            missed = QoSOfferedDeadlineMissedInfo
             made.append(_Deadline(publisher, missed, callback=self.deadline, **group))
+        if self.liveliness is not None:
+            made.append(_LivelinessLost(publisher, callback=self.liveliness, **group))
         if self.matched is not None:
             info = QoSPublisherMatchedInfo
             made.append(_Matched(publisher, info, "subscription", callback=self.matched, **group))

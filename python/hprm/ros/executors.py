@@ -88,8 +88,9 @@ class Executor:
         with self._lock:
             if node in self._nodes:
                 return False
-            node.executor = self
+            # Before the node learns of it, which would add itself otherwise.
             self._nodes.append(node)
+            node.executor = self
         self.wake()
         return True
 
@@ -119,8 +120,11 @@ class Executor:
         """Call ``action`` at the next tag of the clock."""
         self._runtime.request(action)
 
-    def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """Spin no more; return whether nothing is left to run."""
+    def shutdown(self, timeout_sec: float | None = None, *, wait_for_threads: bool = True) -> bool:
+        """Spin no more; return whether nothing is left to run.
+
+        Threads of callbacks end with their callbacks, whether it waits for them or not.
+        """
         with self._lock:
             self._is_shutdown = True
             spinning = self._spinning
@@ -163,7 +167,8 @@ class Executor:
         self, future: Future[Any], timeout_sec: float | None = None
     ) -> None:
         """Wait for one callback, or until a future is done, no longer than the timeout."""
-        self._spin_once(timeout_sec, future.done)
+        if not future.done():
+            self._spin_once(timeout_sec, future.done)
 
     def _spin_once(self, timeout_sec: float | None, is_over: Callable[[], bool]) -> None:
         ident = threading.get_ident()

@@ -10,6 +10,8 @@ from hprm.ros import _process
 from hprm.ros._entity import Entity
 from hprm.ros._graph import Endpoint
 from hprm.ros._interface import type_name
+from hprm.ros._keeping import LateTaker
+from hprm.ros._liveliness import Assertions
 from hprm.ros._names import absolute_namespace, full_node_name, logger_name
 from hprm.ros._others import Others
 from hprm.ros._parameter_services import ParameterEvents, ParameterServices
@@ -21,11 +23,17 @@ from hprm.ros.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGro
 from hprm.ros.client import Client
 from hprm.ros.clock import Clock, ROSClock
 from hprm.ros.exceptions import InvalidHandle, NotInitializedException
+from hprm.ros.exceptions import NodeNameNonExistentError as NodeNameNonExistentError
 from hprm.ros.guard_condition import GuardCondition
 from hprm.ros.logging import get_logger
 from hprm.ros.logging_service import LoggingService
 from hprm.ros.publisher import Publisher
-from hprm.ros.qos import QoSHistoryPolicy, QoSProfile, qos_profile_services_default
+from hprm.ros.qos import (
+    DurabilityPolicy,
+    QoSHistoryPolicy,
+    QoSProfile,
+    qos_profile_services_default,
+)
 from hprm.ros.qos_overriding_options import _declare_qos_parameters
 from hprm.ros.service import Service
 from hprm.ros.subscription import Subscription
@@ -40,6 +48,9 @@ if TYPE_CHECKING:
     from hprm.ros.executors import Executor
 
 E = TypeVar("E", bound=Entity)
+
+#: With what the names of nodes begin that tools do not show.
+HIDDEN_NODE_PREFIX = "_"
 
 
 class Node(Parameters, Others):
@@ -205,7 +216,9 @@ class Node(Parameters, Others):
             _declare_qos_parameters(Publisher, self, name, qos, qos_overriding_options)
         group = callback_group or self._default_callback_group
         made = publisher_class(self, msg_type, name, qos)
-        self._declare(made, self._endpoint("publisher", name, type_, qos))
+        endpoint = self._endpoint("publisher", name, type_, qos)
+        self._declare(made, endpoint)
+        made._assertions = Assertions.of(made, endpoint)
         self._publishers.append(made)
         self._watch(made, event_callbacks, group)
         return made
@@ -235,7 +248,9 @@ class Node(Parameters, Others):
         if qos_overriding_options is not None:
             _declare_qos_parameters(Subscription, self, name, qos, qos_overriding_options)
         made = Subscription(self, msg_type, name, callback, group, qos, raw)
-        self._declare(made, self._endpoint("subscription", name, type_, qos), made.deliver)
+        is_durable = qos.durability is DurabilityPolicy.TRANSIENT_LOCAL
+        endpoint = self._endpoint("subscription", name, type_, qos)
+        self._declare(made, endpoint, made.deliver, made if is_durable else None)
         self._watch(made, event_callbacks, group)
         return self._add(made)
 
@@ -311,7 +326,6 @@ class Node(Parameters, Others):
             return False
         self._publishers.remove(publisher)
         publisher.destroy()
-        self._withdraw(publisher)
         return True
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
@@ -418,12 +432,13 @@ class Node(Parameters, Others):
             return False
         self._entities.remove(entity)
         entity.destroy()
-        self._withdraw(entity)
         return True
 
-    def _declare(self, made: Any, endpoint: Endpoint, deliver: Any = None) -> None:
+    def _declare(
+        self, made: Any, endpoint: Endpoint, deliver: Any = None, late: LateTaker | None = None
+    ) -> None:
         self._endpoints[made] = endpoint
-        self._runtime.declare(endpoint, deliver)
+        self._runtime.declare(endpoint, deliver, late)
 
     def _watch(self, made: Any, callbacks: Any, group: CallbackGroup) -> None:
         """Add what calls back at events of a publisher or a subscription."""

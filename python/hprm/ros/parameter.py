@@ -10,6 +10,9 @@ from typing import Any
 from hprm.ros._interfaces import interface
 from hprm.ros._messages.arrays import is_array
 
+#: What is between the parts of a name.
+PARAMETER_SEPARATOR_STRING = "."
+
 #: The field of ``rcl_interfaces.msg.ParameterValue`` for each number of a type, and how it is made.
 _FIELDS: dict[int, tuple[str, Callable[[Any], Any]]] = {
     1: ("bool_value", bool),

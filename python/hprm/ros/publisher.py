@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from hprm.ros._graph import Flow
 from hprm.ros._interface import copy_of
+from hprm.ros._keeping import Kept
 from hprm.ros.exceptions import InvalidHandle
+from hprm.ros.qos import DurabilityPolicy
 
 if TYPE_CHECKING:
+    from hprm.ros._liveliness import Assertions
     from hprm.ros.duration import Duration
     from hprm.ros.node import Node
     from hprm.ros.qos import QoSProfile
@@ -31,6 +34,14 @@ class Publisher(Generic[MsgT]):
         self.topic = topic
         self.qos_profile = qos_profile
         self._destroyed = False
+        #: What it has asserted of its liveliness, if its policy asks for that.
+        self._assertions: Assertions | None = None
+        #: What later subscriptions get of it.
+        self._kept: Kept | None = None
+        if qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL:
+            lifespan = qos_profile.lifespan.nanoseconds
+            self._kept = Kept(node._depth_of(qos_profile), lifespan or None)
+            node._runtime.keeping.keep(self._flow, self._kept)
         self.event_handlers: list[Any] = []
         #: What is called with each message.
         self._on_message: list[Callable[[], None]] = []
@@ -52,7 +63,7 @@ class Publisher(Generic[MsgT]):
             msg = deserialize_message(msg, self.msg_type)
         if not isinstance(msg, self.msg_type):
             raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
-        self._node._runtime.publish(self._flow, copy_of(msg))
+        self._node._runtime.publish(self._flow, copy_of(msg), self._kept)
         for note in self._on_message:
             note()
 
@@ -66,7 +77,9 @@ class Publisher(Generic[MsgT]):
         return self.topic
 
     def assert_liveliness(self) -> None:
-        """Do nothing: a publisher is alive as long as its process."""
+        """Assert that it is alive, if its policy is ``MANUAL_BY_TOPIC``: others are while there."""
+        if self._assertions is not None:
+            self._assertions.note()
 
     def wait_for_all_acked(self, timeout: Duration | None = None) -> bool:
         """Return at once: what was published is in order on its way."""
@@ -75,6 +88,9 @@ class Publisher(Generic[MsgT]):
     def destroy(self) -> None:
         """Publish no more."""
         self._destroyed = True
+        if self._kept is not None:
+            self._node._runtime.keeping.forget(self._flow, self._kept)
+        self._node._withdraw(self)
         for handler in self.event_handlers:
             self._node._destroy(handler)
 

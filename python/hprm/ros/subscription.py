@@ -5,16 +5,25 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from hprm.ros._entity import Entity, Queue
 from hprm.ros._graph import Flow
-from hprm.ros._interface import check_callback, copy_of
+from hprm.ros._interface import check_callback, copy_of, takes
 from hprm.ros.callback_groups import CallbackGroup
 
 if TYPE_CHECKING:
     from hprm.ros.node import Node
     from hprm.ros.qos import QoSProfile
+
+
+class MessageInfo(TypedDict):
+    """What is known of a message: the second argument of a callback that takes two."""
+
+    source_timestamp: int
+    received_timestamp: int
+    publication_sequence_number: int | None
+    reception_sequence_number: int | None
 
 
 class Subscription(Entity):
@@ -48,6 +57,8 @@ class Subscription(Entity):
         self._flow = Flow("topic", topic)
         self.callback = callback
         self._queue = Queue(node._depth_of(qos_profile))
+        #: Whether other processes may still have messages that come first.
+        self._is_held = False
         self.event_handlers: list[Any] = []
         #: What is called with each message.
         self._on_message: list[Callable[[], None]] = []
@@ -63,9 +74,19 @@ class Subscription(Entity):
     def callback(self, value: Callable[..., Any]) -> None:
         check_callback(value)
         self._callback = value
-        self._callback_type = Subscription.CallbackType.MessageOnly
-        if _takes_info(value):
+        if takes(value, 1):
+            self._callback_type = Subscription.CallbackType.MessageOnly
+        elif takes(value, 2):
             self._callback_type = Subscription.CallbackType.WithMessageInfo
+        else:
+            raise RuntimeError(
+                f"the callback of the topic {self.topic} takes neither one argument (the message)"
+                " nor two (the message and a dictionary of what is known of it)"
+            )
+
+    def get_publisher_count(self) -> int:
+        """Return how many publishers the topic has."""
+        return self._node.count_publishers(self.topic)
 
     @property
     def dropped(self) -> int:
@@ -79,10 +100,25 @@ class Subscription(Entity):
             for note in self._on_message:
                 note()
 
+    def deliver_before(self, messages: list[Any]) -> None:
+        """Put messages into the queue that publishers have kept, before those that wait."""
+        now = self._node._runtime.now()
+        self._queue.put_before([(message, now) for message in messages])
+
+    def hold(self, is_held: bool) -> None:
+        """Call back no more until what comes first is there, or again."""
+        self._is_held = is_held
+
+    @property
+    def is_destroyed(self) -> bool:
+        """Whether it takes nothing any more."""
+        return self._destroyed
+
     def has_work(self) -> bool:
         """Return whether a message waits."""
-        is_first = self._after is None or not self._after.has_work()
-        return len(self._queue) > 0 and not self._destroyed and is_first
+        if not len(self._queue) or self._destroyed or self._is_held:
+            return False
+        return self._after is None or not self._after.has_work()
 
     def take(self) -> Callable[[], Any]:
         """Take the oldest message."""
@@ -90,7 +126,7 @@ class Subscription(Entity):
         message = self._taken()
         if self._callback_type is Subscription.CallbackType.MessageOnly:
             return _call(self._callback, message)
-        info = {
+        info: MessageInfo = {
             "source_timestamp": received,
             "received_timestamp": received,
             "publication_sequence_number": None,
@@ -123,17 +159,3 @@ def _call(callback: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
 
         return awaits
     return lambda: callback(*arguments)
-
-
-def _takes_info(callback: Callable[..., Any]) -> bool:
-    """Whether a callback has two parameters that must be given."""
-    try:
-        parameters = inspect.signature(callback).parameters.values()
-    except (TypeError, ValueError):
-        return False
-    positional = [
-        it
-        for it in parameters
-        if it.kind in (it.POSITIONAL_ONLY, it.POSITIONAL_OR_KEYWORD) and it.default is it.empty
-    ]
-    return len(positional) == 2

@@ -23,6 +23,8 @@ class Future(Generic[T]):
         self._exception: BaseException | None = None
         self._exception_fetched = False
         self._callbacks: list[Callable[[Future[T]], Any]] = []
+        #: What goes on in coroutines that await this: at once, rather than as a task of its own.
+        self._waiters: list[Callable[[], None]] = []
         self._lock = threading.RLock()
         self._executor: Any = None
         self._set_executor(executor)
@@ -110,11 +112,22 @@ class Future(Generic[T]):
     def _call_back(self) -> None:
         with self._lock:
             callbacks, self._callbacks = self._callbacks, []
+            waiters, self._waiters = self._waiters, []
+        for go_on in waiters:
+            go_on()
         for callback in callbacks:
             self._run(callback)
         executor = self._executor
         if executor is not None:
             executor.wake()
+
+    def _when_done(self, go_on: Callable[[], None]) -> None:
+        """Call ``go_on`` when this is done, or now if it is."""
+        with self._lock:
+            if not self.done():
+                self._waiters.append(go_on)
+                return
+        go_on()
 
     def _run(self, callback: Callable[[Future[T]], Any]) -> None:
         if self._executor is not None:
@@ -179,12 +192,12 @@ class Task(Future[T]):
             self.set_result(end.value)
             return
         if isinstance(awaited, Future):
-            awaited.add_done_callback(self._go_on)
+            awaited._when_done(self._go_on)
         elif self._executor is not None:
             # It waits for nothing that is known here: it is asked again at a later tag.
             self._executor.later(self._go_on)
 
-    def _go_on(self, _awaited: Any = None) -> None:
+    def _go_on(self) -> None:
         self.is_ready = True
         if self._executor is not None:
             self._executor.wake()

@@ -7,7 +7,9 @@ after each call, at a tag of the clock: it would stop logical time otherwise.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from hprm.ros._entity import Entity
@@ -15,11 +17,42 @@ from hprm.ros._runtime import Alarm
 from hprm.ros._time_jumps import ClockChange, TimeJump
 from hprm.ros.callback_groups import CallbackGroup
 from hprm.ros.clock import Clock, ROSClock
+from hprm.ros.clock_type import ClockType
 from hprm.ros.exceptions import InvalidHandle, RCLError, ROSInterruptException
+from hprm.ros.time import Time
 
 if TYPE_CHECKING:
     from hprm.ros.context import Context
     from hprm.ros.node import Node
+
+
+class TimerInfo:
+    """When a timer was due, and when it was called: the argument of a callback that takes one."""
+
+    def __init__(
+        self,
+        *,
+        expected_call_time: int = 0,
+        actual_call_time: int = 0,
+        clock_type: ClockType = ClockType.SYSTEM_TIME,
+    ) -> None:
+        """Take the times in nanoseconds, by a clock of that type."""
+        if not isinstance(clock_type, ClockType):
+            raise TypeError("Clock type must be a ClockType enum")
+        if expected_call_time < 0 or actual_call_time < 0:
+            raise ValueError("call time values must not be negative")
+        self._expected_call_time = Time(nanoseconds=expected_call_time, clock_type=clock_type)
+        self._actual_call_time = Time(nanoseconds=actual_call_time, clock_type=clock_type)
+
+    @property
+    def expected_call_time(self) -> Time:
+        """When it was due."""
+        return self._expected_call_time
+
+    @property
+    def actual_call_time(self) -> Time:
+        """When it was called."""
+        return self._actual_call_time
 
 
 class Timer(Entity):
@@ -46,13 +79,23 @@ class Timer(Entity):
         self._runtime = node._runtime
         self._alarm: Alarm | None = None
         self._last = clock._now()
-        self._due = 0
+        self._due = self._is_due_since = 0
         self._is_due = False
         self._cancelled = not autostart
         if isinstance(clock, ROSClock):
             clock._follow(self._jump)
         if autostart:
             self._begin()
+
+    @property
+    def callback(self) -> Callable[..., Any] | None:
+        """What is called after each period: with a ``TimerInfo`` if a parameter says so."""
+        return self._callback
+
+    @callback.setter
+    def callback(self, value: Callable[..., Any] | None) -> None:
+        self._callback = value
+        self._info_name = None if value is None else _parameter_of_info(value)
 
     @property
     def timer_period_ns(self) -> int:
@@ -108,10 +151,20 @@ class Timer(Entity):
         """Take the call that is due."""
         if self._destroyed:
             raise InvalidHandle("cannot use Destroyable because destruction was requested")
-        self._is_due, self._last = False, self.clock._now()
+        was_due, now = self._is_due_since, self.clock._now()
+        self._is_due, self._last = False, now
         if not self._period:
             self._runtime.request(self._due_again)
-        return self.callback if self.callback is not None else lambda: None
+        if self._callback is None:
+            return lambda: None
+        if self._info_name is None:
+            return self._callback
+        info = TimerInfo(
+            expected_call_time=was_due,
+            actual_call_time=now,
+            clock_type=self.clock.clock_type,
+        )
+        return partial(self._callback, **{self._info_name: info})
 
     def _begin(self, after_ns: int | None = None) -> None:
         """Begin a period, or the rest of one."""
@@ -123,7 +176,8 @@ class Timer(Entity):
             self._alarm = self._runtime.call_at(delay, self._elapsed)
 
     def _elapsed(self) -> None:
-        self._is_due = True
+        # At its tag, which is later than it was thought to be if the federation had not begun then.
+        self._is_due, self._is_due_since = True, self.clock._now()
         if self._period:
             # At a tag: no error adds up.
             self._begin()
@@ -131,7 +185,7 @@ class Timer(Entity):
     def _due_again(self) -> None:
         """Be due again, as a timer without a period is after each call."""
         if not self._cancelled and not self._destroyed and not self._period:
-            self._is_due = True
+            self._is_due, self._is_due_since = True, self.clock._now()
 
     def _jump(self, jump: TimeJump, before_ns: int) -> None:
         """Follow a clock that was set, or whose time is no longer what it was."""
@@ -145,7 +199,7 @@ class Timer(Entity):
             self._last = now
             self._begin()
         elif self._due <= now:
-            self._is_due = True
+            self._is_due, self._is_due_since = True, self._due
             missed = (now - self._due) // self._period if self._period else 0
             self._due += (1 + missed) * self._period
 
@@ -153,6 +207,20 @@ class Timer(Entity):
 def _check(period_ns: int) -> None:
     if period_ns < 0:
         raise RCLError("failed to create timer: timer period must be non-negative")
+
+
+def _parameter_of_info(callback: Callable[..., Any]) -> str | None:
+    """Return the name of the parameter that is annotated as a ``TimerInfo``, if there is one."""
+    try:
+        parameters = inspect.signature(callback).parameters.values()
+    except (TypeError, ValueError):
+        return None
+    for it in parameters:
+        stated = it.annotation
+        # Annotations are text where a program says so.
+        if stated is TimerInfo or (isinstance(stated, str) and stated.endswith("TimerInfo")):
+            return it.name
+    return None
 
 
 class Rate:

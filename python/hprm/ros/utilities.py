@@ -38,19 +38,33 @@ def ok(*, context: Context | None = None) -> bool:
     return (get_default_context() if context is None else context).ok()
 
 
-def shutdown(*, context: Context | None = None) -> None:
-    """End a context."""
+def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None = None) -> None:
+    """End a context; with the default one, signals do again what they do without rclpy."""
     (get_default_context() if context is None else context).shutdown()
+    _uninstall_handlers(context, uninstall_handlers)
 
 
-def try_shutdown(*, context: Context | None = None) -> None:
-    """End a context, if it has begun."""
+def try_shutdown(*, context: Context | None = None, uninstall_handlers: bool | None = None) -> None:
+    """End a context, if it has begun, as :func:`shutdown` does."""
     (get_default_context() if context is None else context).try_shutdown()
+    _uninstall_handlers(context, uninstall_handlers)
+
+
+def _uninstall_handlers(context: Context | None, wanted: bool | None) -> None:
+    from hprm.ros.signals import uninstall_signal_handlers
+
+    if wanted or (wanted is None and context in (None, get_default_context())):
+        uninstall_signal_handlers()
 
 
 def get_rmw_implementation_identifier() -> str:
     """Return what carries messages."""
     return "hprm"
+
+
+def get_available_rmw_implementations() -> set[str]:
+    """Return what may carry messages."""
+    return {get_rmw_implementation_identifier()}
 
 
 def timeout_sec_to_nsec(timeout_sec: float | None) -> int:

@@ -80,7 +80,7 @@ def of_users(program: str | None) -> dict[str, Package]:
     """Find the packages of users for a program; of two with one name, the nearest is taken."""
     found: dict[str, Package] = {}
     script = Path(program).resolve() if program else None
-    for folder in _candidates(script if script and script.exists() else None):
+    for folder in candidates(script if script and script.exists() else None):
         package = _read(folder)
         if package is not None:
             found.setdefault(package.name, package)
@@ -93,7 +93,8 @@ def program() -> str | None:
     return name or (sys.argv[0] if sys.argv else None)
 
 
-def _candidates(script: Path | None) -> Iterator[Path]:
+def candidates(script: Path | None) -> Iterator[Path]:
+    """Return the folders that may be packages for a program, the nearest first."""
     for each in filter(None, os.environ.get(PACKAGES, "").split(os.pathsep)):
         yield Path(each)
         yield from _below(Path(each), _DEPTH)

@@ -10,6 +10,11 @@ from hprm.ros.callback_groups import ReentrantCallbackGroup
 from hprm.ros.executors import SingleThreadedExecutor
 from hprm.ros.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 
+#: Where transforms of frames that move are published.
+DEFAULT_TF_TOPIC = "/tf"
+#: Where transforms of frames that do not move are published.
+DEFAULT_STATIC_TF_TOPIC = "/tf_static"
+
 _AUTHORITY = "default_authority"
 
 
@@ -28,6 +33,10 @@ class TransformListener:
         A profile or a depth for ``/tf``.
     static_qos
         A profile or a depth for ``/tf_static``.
+    tf_topic
+        The topic of frames that move, instead of ``/tf``.
+    tf_static_topic
+        The topic of frames that do not, instead of ``/tf_static``.
 
     """
 
@@ -39,6 +48,8 @@ class TransformListener:
         spin_thread: bool = False,
         qos: QoSProfile | int | None = None,
         static_qos: QoSProfile | int | None = None,
+        tf_topic: str = DEFAULT_TF_TOPIC,
+        tf_static_topic: str = DEFAULT_STATIC_TF_TOPIC,
     ) -> None:
         """Subscribe."""
         self.buffer = buffer
@@ -48,14 +59,14 @@ class TransformListener:
         kind = interface("tf2_msgs.msg", "TFMessage")
         self.tf_sub = node.create_subscription(
             kind,
-            "/tf",
+            tf_topic,
             self.callback,
             _profile(DurabilityPolicy.VOLATILE) if qos is None else qos,
             callback_group=self.group,
         )
         self.tf_static_sub = node.create_subscription(
             kind,
-            "/tf_static",
+            tf_static_topic,
             self.static_callback,
             _profile(DurabilityPolicy.TRANSIENT_LOCAL) if static_qos is None else static_qos,
             callback_group=self.group,

@@ -148,6 +148,8 @@ class ActionClient:
                 self._goals[bytes(goal_id.uuid)] = handle
             else:
                 self._feedback_callbacks.pop(bytes(goal_id.uuid), None)
+            # The node may have another executor than when it has sent the goal.
+            sent._set_executor(self._node.executor)
             sent.set_result(handle)
 
         self._send_goal.call_async(request).add_done_callback(answered)

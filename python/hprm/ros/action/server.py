@@ -225,9 +225,13 @@ class ActionServer:
         """Call this to accept or reject a goal."""
         self._goal_callback = goal_callback or default_goal_callback
 
-    def register_handle_accepted_callback(self, callback: Callable[..., Any] | None) -> None:
+    def register_handle_accepted_callback(
+        self, handle_accepted_callback: Callable[..., Any] | None
+    ) -> None:
         """Call this with a goal that was accepted."""
-        self._handle_accepted_callback = callback or default_handle_accepted_callback
+        self._handle_accepted_callback = (
+            handle_accepted_callback or default_handle_accepted_callback
+        )
 
     def register_cancel_callback(self, cancel_callback: Callable[..., Any] | None) -> None:
         """Call this to decide whether a goal is to be cancelled."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from typing import Any
@@ -47,10 +48,31 @@ class ConverterOptions:
 
 @dataclass
 class StorageFilter:
-    """Which topics are read; all if there are none."""
+    """Which topics are read: all if neither names nor an expression are stated, without some."""
 
     topics: list[str] = field(default_factory=list)
+    regex: str = ""
+    exclude_topics: list[str] = field(default_factory=list)
+    regex_to_exclude: str = ""
+    #: What ``regex`` is called in Humble.
     topics_regex: str = ""
+
+    def passes(self, topic: str) -> bool:
+        """Tell whether a topic is read."""
+        pattern = self.regex or self.topics_regex
+        if topic in self.exclude_topics or _matches(self.regex_to_exclude, topic):
+            return False
+        is_all = not self.topics and not pattern
+        return is_all or topic in self.topics or _matches(pattern, topic)
+
+
+def _matches(pattern: str, topic: str) -> bool:
+    return bool(pattern and re.fullmatch(pattern, topic))
+
+
+def get_default_storage_id() -> str:
+    """Return the format of bags that are written if nothing else is said."""
+    return "mcap"
 
 
 class TopicMetadata:

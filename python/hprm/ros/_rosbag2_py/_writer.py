@@ -8,7 +8,12 @@ from typing import Any
 from hprm.ros._bags.errors import BagError
 from hprm.ros._bags.recording import BagWriter
 from hprm.ros._messages import DefinitionError, class_of
-from hprm.ros._rosbag2_py.options import ConverterOptions, StorageOptions, TopicMetadata
+from hprm.ros._rosbag2_py._storage import (
+    ConverterOptions,
+    StorageOptions,
+    TopicMetadata,
+    get_default_storage_id,
+)
 
 
 class SequentialWriter:
@@ -28,7 +33,7 @@ class SequentialWriter:
         (converter_options or ConverterOptions()).refuse_others()
         self.close()
         try:
-            storage = storage_options.storage_id or "mcap"
+            storage = storage_options.storage_id or get_default_storage_id()
             self._bag = BagWriter(storage_options.uri, storage=storage, mode="wait")
         except BagError as error:
             raise RuntimeError(str(error)) from error
@@ -72,3 +77,13 @@ class SequentialWriter:
         if self._bag is None:
             raise RuntimeError("the bag is not open; call open first")
         return self._bag
+
+
+def get_registered_writers() -> set[str]:
+    """Return the formats of bags that are written."""
+    return {"mcap", "sqlite3"}
+
+
+def get_registered_serializers() -> set[str]:
+    """Return the formats of messages."""
+    return {"cdr"}

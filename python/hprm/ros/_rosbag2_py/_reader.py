@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import weakref
 from collections.abc import Iterator
 from datetime import datetime, timedelta, timezone
@@ -10,7 +9,7 @@ from datetime import datetime, timedelta, timezone
 from hprm.ros._bags.errors import BagError
 from hprm.ros._bags.information import BagInfo
 from hprm.ros._bags.reading import BagReader
-from hprm.ros._rosbag2_py.options import (
+from hprm.ros._rosbag2_py._storage import (
     BagMetadata,
     ConverterOptions,
     StorageFilter,
@@ -110,19 +109,13 @@ class SequentialReader:
 
     def _begin(self) -> None:
         bag = self._opened()
-        wanted = [it for it in bag.connections() if self._passes(it.topic)]
+        wanted = [it for it in bag.connections() if self._filter.passes(it.topic)]
         offset = 0 if bag.info.start is None else max(self._from - bag.info.start, 0)
         self._messages = (
             (connection.topic, bytes(data), time)
             for connection, time, data in bag.raw(wanted, offset)
         )
         self._advance()
-
-    def _passes(self, topic: str) -> bool:
-        names, pattern = self._filter.topics, self._filter.topics_regex
-        if not names and not pattern:
-            return True
-        return topic in names or bool(pattern and re.fullmatch(pattern, topic))
 
     def _advance(self) -> None:
         try:
@@ -131,17 +124,9 @@ class SequentialReader:
             raise RuntimeError(str(error)) from error
 
 
-class Info:
-    """What bags have in them."""
-
-    def read_metadata(self, uri: str, storage_id: str = "") -> BagMetadata:
-        """Return what a bag has in it."""
-        reader = SequentialReader()
-        reader.open(StorageOptions(uri, storage_id))
-        try:
-            return reader.get_metadata()
-        finally:
-            reader.close()
+def get_registered_readers() -> set[str]:
+    """Return the formats of bags that are read."""
+    return {"mcap", "sqlite3"}
 
 
 def _metadata(info: BagInfo) -> BagMetadata:
