@@ -16,7 +16,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 
-pub use self::machines::{About, ClockReading, Machine};
+pub use self::machines::{About, ClockReading, Limited, Machine};
 use crate::Address;
 use crate::link::{ask_for_machines, connect_through_agent};
 

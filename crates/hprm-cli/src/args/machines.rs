@@ -11,7 +11,8 @@ use hprm_core::federate_name;
 /// List the machines whose agents see one another.
 ///
 /// The agent of this machine asks those of all others: for the version of HPRM, processors, memory, what their clocks
-/// show beside that of this machine, and the names of the federations that run there.
+/// show beside that of this machine, the names of the federations that run there, and whether limits of programs that the agent starts
+/// count for all processes of a program together.
 #[derive(Args, Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Machines {
     /// Print one JSON object.
@@ -79,4 +80,7 @@ pub(crate) struct Starter {
     /// How many files a process may have open.
     #[arg(long)]
     pub(crate) files: u64,
+    /// The control group in which the program is to run, with limits for all of it together.
+    #[arg(long)]
+    pub(crate) group: Option<PathBuf>,
 }

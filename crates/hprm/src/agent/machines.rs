@@ -36,6 +36,19 @@ pub struct About {
     /// Until when the certificate of the machine is valid, in seconds since 1970; none if it has none.
     #[serde(default)]
     pub certificate_ends: Option<i64>,
+    /// For what the limits of the programs count that the agent starts; none if it starts none.
+    #[serde(default)]
+    pub limits: Option<Limited>,
+}
+
+/// For what a limit of memory or of processes counts.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Limited {
+    /// All processes of a program together, by cgroups.
+    Program,
+    /// Each process, and all processes of the user.
+    Process,
 }
 
 /// What the clock of a machine shows beside another one, found from round trips.
