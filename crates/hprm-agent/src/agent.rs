@@ -171,7 +171,7 @@ impl Agent {
         let roster = self.membership.as_ref().map(Membership::next_wakeup);
         let wakeups = self.links.values().map(Link::next_wakeup).chain(rival).chain(roster);
         let wakeups = wakeups.chain([self.daily.next_wakeup()]);
-        let wakeups = wakeups.chain(self.starters.next_wakeup());
+        let wakeups = wakeups.chain(self.starters.next_wakeup()).chain(self.local.next_wakeup());
         let due = wakeups.min().map(|due| due.since(Clock::local()).max(0));
         let timeout = due.map(|nanos| Timespec {
             tv_sec: nanos / 1_000_000_000,

@@ -8,6 +8,7 @@
 //! The agent links Zenoh; this crate only knows these lines.
 
 mod machines;
+mod rest;
 
 use std::fmt;
 use std::io;
@@ -17,6 +18,7 @@ use std::str::FromStr;
 use std::time::Duration;
 
 pub use self::machines::{About, ClockReading, Limited, Machine};
+pub use self::rest::Rest;
 use crate::Address;
 use crate::link::{ask_for_machines, connect_through_agent};
 
