@@ -26,6 +26,6 @@ mod recording;
 mod stand_in;
 mod starter;
 
-pub(crate) use self::places::{Places, places};
+pub(crate) use self::places::{Places, check_key, places};
 pub(crate) use self::stand_in::{Errands, stand_in};
 pub(crate) use self::starter::starter;

@@ -8,6 +8,9 @@ use clap::Args;
 use hprm::agent::is_name;
 use hprm_core::federate_name;
 
+/// Names the file with a fleet key for all programs.
+pub(crate) const FLEET_KEY: &str = "HPRM_FLEET_KEY";
+
 /// List the machines whose agents see one another.
 ///
 /// The agent of this machine asks those of all others: for the version of HPRM, processors, memory, what their clocks
@@ -40,7 +43,7 @@ pub(crate) struct At {
     pub(crate) at: Vec<(String, String)>,
     /// The file with a fleet key that the agents of those machines know. With it, federates also run where the program
     /// says (at).
-    #[arg(long, value_name = "FILE", env = "HPRM_FLEET_KEY", hide_env_values = true)]
+    #[arg(long, value_name = "FILE", env = FLEET_KEY, hide_env_values = true)]
     pub(crate) fleet_key: Option<PathBuf>,
 }
 
