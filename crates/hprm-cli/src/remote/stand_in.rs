@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use hprm::agent::{self, Place, STARTERS};
 use hprm::launch::{Membership, die_with_parent};
-use hprm::{FederationId, Kind, Report};
+use hprm::{FederationId, Kind, Report, printable_lines};
 use hprm_model::Compiled;
 use rustix::fs::{MemfdFlags, memfd_create};
 use rustix::process::{Resource, Rlimit, Signal, setrlimit};
@@ -375,9 +375,10 @@ fn next(stream: &UnixStream) -> Result<Told, Lost> {
     match protocol::read(stream)? {
         None => Err(Lost::Link(io::ErrorKind::UnexpectedEof.into())),
         Some(Told::Failed { message, hint }) => {
-            let error = Error::new(message);
+            // The other machine may say anything.
+            let error = Error::new(printable_lines(&message));
             Err(Lost::Told(match hint {
-                Some(hint) => error.hint(hint),
+                Some(hint) => error.hint(printable_lines(&hint)),
                 None => error,
             }))
         }

@@ -12,9 +12,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use hprm::Clock;
 use hprm::launch::{Group, die_with_parent};
 use hprm::recorder::{Outbox, TRACE};
+use hprm::{Clock, printable};
 use rustix::process::{
     Pid, Signal, WaitId, WaitIdOptions, kill_process, kill_process_group, waitid,
 };
@@ -105,6 +105,7 @@ fn serve(stream: &UnixStream, wanted: &Starter) -> Result<(), Error> {
     };
     let child = child.map_err(|error| failed("start an interpreter", &error))?;
     let Manifest { federate, main, .. } = &*manifest;
+    let (federate, main) = (printable(federate), printable(main));
     print_error(format!("federate {federate} of {main} has been started for {owner}\n").as_bytes());
     let stream = stream.try_clone().map_err(|error| failed("run", &error))?;
     let run = Run { stream: Arc::new(Mutex::new(stream)), group, memory };
