@@ -17,6 +17,7 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use hprm::console::reason;
 use hprm::launch::{GROUP_HOME, Group, GroupLimits};
 use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
@@ -56,7 +57,8 @@ impl Groups {
     /// Why there can be no groups. The agent is where it was then.
     pub(crate) fn open() -> Result<Self, String> {
         let read = |path: &str| {
-            fs::read_to_string(path).map_err(|error| format!("cannot read {path}: {error}"))
+            fs::read_to_string(path)
+                .map_err(|error| format!("cannot read {path}: {}", reason(&error)))
         };
         let place = Place::find(&read("/proc/self/mountinfo")?, &read("/proc/self/cgroup")?)?;
         let user = rustix::process::geteuid().as_raw();
@@ -70,15 +72,16 @@ impl Groups {
             let missing = missing.join(" and ");
             return Err(format!("{} has no controller for {missing}", origin.display()));
         }
-        let (own, lock) = make_own(&origin)
-            .map_err(|error| format!("no group can be made in {}: {error}", origin.display()))?;
+        let (own, lock) = make_own(&origin).map_err(|error| {
+            format!("no group can be made in {}: {}", origin.display(), reason(&error))
+        })?;
         let enabled = switch('+', &not_enabled(&origin));
         let groups = Self { origin, own, enabled, programs: 0, _lock: lock };
         groups.settle().map_err(|error| {
             let origin = groups.origin.display();
             match error.raw_os_error() == Some(Errno::BUSY.raw_os_error()) {
                 true => format!("other processes are in {origin}"),
-                false => format!("no limits can be set in {origin}: {error}"),
+                false => format!("no limits can be set in {origin}: {}", reason(&error)),
             }
         })?;
         Ok(groups)

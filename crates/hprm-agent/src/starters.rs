@@ -11,6 +11,7 @@ use std::time::Duration;
 
 use hprm::Clock;
 use hprm::agent::{Limited, STARTERS};
+use hprm::console::reason;
 use hprm::launch::Group;
 use hprm_core::{Nanos, PhysicalTime};
 
@@ -98,9 +99,9 @@ impl Starters {
         command.args(programs.allow_root.then_some("--allow-root"));
         command.args(programs.limits.arguments());
         let group = self.groups.as_mut().map(|groups| groups.make(programs.limits.of_group()));
-        let group = group
-            .transpose()
-            .map_err(|error| format!("the agent of {machine} cannot limit a program: {error}"))?;
+        let group = group.transpose().map_err(|error| {
+            format!("the agent of {machine} cannot limit a program: {}", reason(&error))
+        })?;
         if let Some(group) = &group {
             command.arg("--group").arg(group.path());
         }
