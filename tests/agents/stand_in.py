@@ -12,7 +12,7 @@ import socket
 from dataclasses import dataclass, field
 
 PROOF, PROGRAM, BYTES = 0, 1, 2
-CHALLENGE, PROVED, MISSING, FAILED = 0, 1, 2, 7
+CHALLENGE, PROVED, MISSING, STARTED, FAILED = 0, 1, 2, 3, 7
 
 
 @dataclass
@@ -90,9 +90,9 @@ class StandIn:
         self.say(PROOF, mine + proof(b"hprm fleet 1 stand-in\0"))
         assert self.hear() == (PROVED, proof(b"hprm fleet 1 starter\0\0"))
 
-    def program(self, main: str, files: list[Listed]) -> None:
+    def program(self, main: str, files: list[Listed], federate: str = "sink") -> None:
         """Says what is to be started."""
-        manifest = text(main) + b"\0" + text("sink") + text("agent:robot1/rti") + text("0" * 32)
+        manifest = text(main) + b"\0" + text(federate) + text("agent:robot1/rti") + text("0" * 32)
         manifest += number(0) + number(0) + b"\0\0" + number(len(files))
         self.say(PROGRAM, manifest + b"".join(file.written() for file in files))
 

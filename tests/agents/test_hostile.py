@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import random
 import re
 import socket
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from machines import HPRM, PLACES, PROGRAM, Machines, alone, finish, listens_at, reactions, until
-from stand_in import BYTES, CHALLENGE, MISSING, PROOF, Listed, StandIn
+from stand_in import BYTES, CHALLENGE, FAILED, MISSING, PROOF, STARTED, Listed, StandIn, text
 from test_enrolment import enrolled, memory, start
 
 LONG = PROGRAM.replace("timeout: 200 msec", "timeout: 3 sec")
@@ -49,6 +50,9 @@ PATHS = [
     "lib/",
     "./lib",
     "a\0b",
+    "a\x1b[2Jb.lf",
+    "a\nb.lf",
+    "a\u202eb.lf",
     "a/" * 65 + "a",
     "a" * 1025,
     "Main.lf",
@@ -66,6 +70,66 @@ def test_names_of_files_do_not_lead_out_of_the_folder_of_the_program(
     assert one.hear() == (-1, b"")
     assert kept(machines) == []
     assert not Path("/tmp/hprm-escaped").exists()
+
+
+def test_names_in_what_an_agent_writes_have_no_effect_on_a_terminal(machines: Machines) -> None:
+    machines.start_agents("--fleet-keys", "keys", "--allow-root")
+    one = stand_in(machines)
+    one.program("Main.lf", [MAIN], federate="a\x1b[2J\nerror: b")
+    assert one.hear()[0] == MISSING
+    one.say(BYTES, bytes([len(MAIN.text)]) + MAIN.text)
+    assert one.hear()[0] == STARTED
+    stderr = machines.agents["robot2"].stderr
+    assert stderr is not None
+    written = (
+        "federate a\\u{1b}[2J\\nerror: b of Main.lf has been started for a key without a name\n"
+    )
+    assert stderr.readline() == written
+
+
+EVIL = "\x1b[2J\x1b]0;a\x07\u202e\u009b31m"
+SHOWN = r"\u{1b}[2J\u{1b}]0;a\u{7}\u{202e}\u{9b}31m"
+
+
+def test_what_other_machines_say_has_no_effect_on_a_terminal(machines: Machines) -> None:
+    about = {
+        "version": EVIL,
+        "addresses": [EVIL],
+        "processors": 1,
+        "memory": 1,
+        "federations": ["Vision", EVIL],
+    }
+    known = [
+        {"name": name, "is_here": name == "robot1", "about": about, "clock": None}
+        for name in ("robot1", "robot2")
+    ]
+    (machines.folder / "keys").touch(mode=0o600)
+    (machines.folder / "keys").write_text("0" * 31 + "1")
+    (machines.folder / "Fed.lf").write_text(PROGRAM)
+    challenge = bytes([CHALLENGE, 3]) + bytes(32)
+    failed = bytes([FAILED]) + text(f"{EVIL}\n{EVIL}") + b"\1" + text(EVIL)
+    answers = b"".join(len(one).to_bytes(4, "little") + one for one in (challenge, failed))
+    told = b"done robot1\n" + json.dumps(known).encode()
+    run = ("run", "--at", "sink=robot2", "--fleet-key", "keys", "Fed.lf")
+    with socket.socket(socket.AF_UNIX) as agent:
+        agent.bind("\0" + machines.address("robot1"))
+        agent.listen()
+        for words, said, expected in [
+            (("machines",), [told], SHOWN),
+            (("machines", "--json"), [told], SHOWN.replace("\\", "\\\\")),
+            (run, [told, f"refused {EVIL}\n".encode()], SHOWN),
+            (run, [told, b"done robot2\n" + answers], f"{SHOWN}\n{SHOWN}\n  hint: {SHOWN}\n"),
+        ]:
+            command = machines.spawn("robot1", HPRM, *words)
+            for answer in said:
+                link, _ = agent.accept()
+                machines.sockets.append(link)
+                link.makefile().readline()
+                link.sendall(answer)
+                link.shutdown(socket.SHUT_WR)
+            _, out, err = finish(command)
+            assert expected in out + err, (out, err)
+            assert all(c.isprintable() or c == "\n" for c in out + err), (out, err)
 
 
 @pytest.mark.parametrize("path", ["a" * 300, "Main.lf/inside"], ids=["long", "below a file"])

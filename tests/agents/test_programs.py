@@ -224,6 +224,8 @@ def test_ctrl_c_stops_in_order(machines: Machines) -> None:
 def test_what_cannot_be_started_is_told_before_anything_runs(machines: Machines) -> None:
     code, _, err = finish(run(machines, PROGRAM, "--at", "sink=robot2"))
     assert code != 0 and "needs a fleet key" in err and "--fleet-key" in err
+    (machines.folder / "keys").touch(mode=0o600)
+    (machines.folder / "keys").write_text("0" * 31 + "1")
     code, _, err = finish(run(machines, PROGRAM, *AT))
     assert code == 1 and "no agent runs on this machine" in err
     start(machines)
@@ -236,6 +238,22 @@ def test_what_cannot_be_started_is_told_before_anything_runs(machines: Machines)
         code, out, err = finish(run(machines, PROGRAM, *at, "--fleet-key", "keys"))
         assert (code != 0, out) == (True, ""), err
         assert err.count("error: ") == 1 and said in err, err
+
+
+def test_a_key_that_cannot_be_read_is_told_even_if_no_federate_needs_it(
+    machines: Machines, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = "error: cannot read fleet keys in nowhere: No such file or directory\n"
+    alone = "target Python\nmain reactor { reaction(startup) {= print(7) =} }\n"
+    elsewhere = PROGRAM.replace("source = new Source()", "source = new Source() at robot2")
+    for program in (PROGRAM, alone, elsewhere):
+        code, out, err = finish(run(machines, program, "--fleet-key", "nowhere"))
+        assert (code, out, err) == (1, "", said)
+    # The environment says it for all programs, of which few need one.
+    monkeypatch.setenv("HPRM_FLEET_KEY", "nowhere")
+    assert finish(run(machines, elsewhere)) == (1, "", said)
+    assert finish(run(machines, alone)) == (0, "7\n", "")
+    assert finish(run(machines, PROGRAM))[0] == 0
 
 
 def test_what_is_only_done_here_is_told_of_federates_elsewhere(machines: Machines) -> None:

@@ -453,6 +453,16 @@ def test_a_program_that_is_watched_does_the_same(bench: Bench, coordination: str
     assert traces[0].count("\n") > 100
 
 
+def test_a_name_has_no_effect_on_a_terminal(bench: Bench) -> None:
+    (bench.folder / "a\x1b[2Jb.lf").write_text(program())
+    run = bench.call("run", "a\x1b[2Jb.lf")
+    bench.pid("planner")
+    assert look(bench, run.pid).object["federation"] == r"a\u{1b}[2Jb"
+    shown = top(bench, str(run.pid))
+    assert shown.startswith(r"a\u{1b}[2Jb: ") and "\x1b" not in shown
+    end(bench, run)
+
+
 def test_several_federations_and_none(bench: Bench) -> None:
     runs = []
     for name in ("One", "Two", "Two"):

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
+import os
+import resource
 import signal
+import socket
 import threading
 from itertools import islice
 from pathlib import Path
@@ -263,3 +267,63 @@ def test_arguments_of_a_wrong_kind_are_refused(
 ) -> None:
     with pytest.raises(error):
         hprm.watch(*arguments, **options)  # type: ignore[arg-type]
+
+
+QUIET = """\
+target Python { keepalive: true }
+preamble {=
+import os, pathlib
+=}
+reactor Source {
+  output out
+  timer t(0, 200 ms)
+  reaction(startup) {= pathlib.Path("source.pid").write_text(f"{os.getpid()}\\n") =}
+  reaction(t) -> out {= out.set(1) =}
+}
+reactor Sink {
+  input inp
+  reaction(inp) {= pass =}
+}
+federated reactor {
+  source = new Source()
+  sink = new Sink()
+  source.out -> sink.inp
+}
+"""
+
+
+def watch_socket(pid: int) -> str:
+    """Where a federate listens for watchers."""
+    inodes = {os.readlink(path) for path in Path(f"/proc/{pid}/fd").iterdir()}
+    for line in Path("/proc/net/unix").read_text().splitlines():
+        fields = line.split()
+        if fields[-1].startswith("@hprm-watch-") and f"socket:[{fields[6]}]" in inodes:
+            return fields[-1][1:]
+    raise LookupError("it does not listen")
+
+
+def processor_time(pid: int) -> float:
+    """For how many seconds a process has used a processor."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def test_a_federate_without_descriptors_lets_watchers_wait(bench: Bench) -> None:
+    run = start(bench, QUIET)
+    assert one(hprm.watch("source.out", of=run.pid, wait="30 s")).value == 1
+    pid = bench.pid("source")
+    limit = resource.prlimit(pid, resource.RLIMIT_NOFILE)
+    used = max(int(path.name) for path in Path(f"/proc/{pid}/fd").iterdir())
+    resource.prlimit(pid, resource.RLIMIT_NOFILE, (used + 1, limit[1]))
+    with contextlib.ExitStack() as waiting:
+        # The first ones get what is free in between.
+        for _ in range(8):
+            one_more = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            waiting.enter_context(one_more).connect("\0" + watch_socket(pid))
+        until(lambda: len(list(Path(f"/proc/{pid}/fd").iterdir())) == used + 1, "no file is left")
+        before = processor_time(pid)
+        threading.Event().wait(1)
+        assert processor_time(pid) - before < 0.5
+    resource.prlimit(pid, resource.RLIMIT_NOFILE, limit)
+    assert one(hprm.watch("source.out", of=run.pid, wait="30 s")).value == 1
+    stop(run)

@@ -14,7 +14,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use hprm::Clock;
-use hprm::agent::{About, Answer, ClockReading, Machine};
+use hprm::agent::{About, Answer, ClockReading, Limited, Machine};
 use hprm::board::federations;
 use serde::{Deserialize, Serialize};
 use zenoh::Wait;
@@ -63,7 +63,7 @@ pub(crate) struct Here {
 
 impl Here {
     /// What does not change, and no federations yet.
-    pub(crate) fn new(options: &Options) -> Self {
+    pub(crate) fn new(options: &Options, limited: Option<Limited>) -> Self {
         let system = rustix::system::sysinfo();
         let ends = options.tls.as_ref().and_then(|tls| lifetime_of(&options.name, tls));
         let fixed = About {
@@ -73,8 +73,14 @@ impl Here {
             memory: (system.totalram as u64).saturating_mul(u64::from(system.mem_unit)),
             federations: Vec::new(),
             certificate_ends: ends.map(|it| it.ends),
+            limits: limited,
         };
         Self { name: options.name.clone(), fixed, running: Mutex::new(None) }
+    }
+
+    /// For what the limits of programs count.
+    pub(crate) fn limited(&self) -> Option<Limited> {
+        self.fixed.limits
     }
 
     fn about(&self) -> About {

@@ -71,10 +71,11 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
     let me = AgentId { machine: options.name.clone(), epoch };
     let enrolled = options.credentials.clone();
     let membership = enrolled.map(|it| Membership::new(it, Clock::local())).transpose()?;
-    let carrier = Carrier::open(options, options.credentials.as_ref(), me.clone())?;
+    let starters = Starters::new(&options.name, options.programs.clone());
+    let limited = starters.limited();
+    let carrier = Carrier::open(options, options.credentials.as_ref(), me.clone(), limited)?;
     let (links, others) = (BTreeMap::new(), Others::default());
     let (ready, rival_since, buffer) = (Vec::new(), None, vec![0; FRAME_LIMIT].into());
-    let starters = Starters::new(&options.name, options.programs.clone());
     let shipping = ShippingService::open(&options.name).map_err(system)?;
     let leads_shipments = shipping.leads();
     leads_shipments.store(options.is_router(options.credentials.as_ref()), Ordering::Relaxed);
@@ -97,7 +98,8 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
         false => "",
     };
     println!("the agent of {} listens at {}{leads}", options.name, options.listen.join(" and "));
-    // Without a reader of the line, the agent runs as well.
+    agent.starters.limited_text().iter().for_each(|text| println!("{text}"));
+    // Without a reader of the lines, the agent runs as well.
     let _ = std::io::stdout().flush();
     ship(shipping).map_err(system)?;
     while !agent.wait(&stop) {
@@ -169,6 +171,7 @@ impl Agent {
         let roster = self.membership.as_ref().map(Membership::next_wakeup);
         let wakeups = self.links.values().map(Link::next_wakeup).chain(rival).chain(roster);
         let wakeups = wakeups.chain([self.daily.next_wakeup()]);
+        let wakeups = wakeups.chain(self.starters.next_wakeup()).chain(self.local.next_wakeup());
         let due = wakeups.min().map(|due| due.since(Clock::local()).max(0));
         let timeout = due.map(|nanos| Timespec {
             tv_sec: nanos / 1_000_000_000,
@@ -425,8 +428,8 @@ impl Agent {
 
     /// Ends the process and leaves nothing behind here. What Zenoh has is not touched any more.
     fn end_without_carrier(self) -> ! {
-        let Self { local, links, carrier: _carrier, .. } = self;
-        drop((links, local));
+        let Self { local, links, starters, carrier: _carrier, .. } = self;
+        drop((links, local, starters));
         eprintln!("error: Zenoh has failed, so the agent of {} ends", self.me.machine);
         eprintln!("  hint: start it again, and report what it says above to its developers");
         std::process::exit(1)

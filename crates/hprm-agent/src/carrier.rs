@@ -24,7 +24,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::time::Duration;
 
-use hprm::agent::{Answer, is_name};
+use hprm::agent::{Answer, Limited, is_name};
 use hprm_federated::relay::FRAME_LIMIT;
 use rustix::event::{EventfdFlags, eventfd};
 use serde::{Deserialize, Serialize};
@@ -159,6 +159,7 @@ impl Carrier {
         options: &Options,
         credentials: Option<&Credentials>,
         me: AgentId,
+        limited: Option<Limited>,
     ) -> Result<Self, Failure> {
         let session = zenoh::open(config(options, credentials)?).wait().map_err(|error| {
             let listen = options.listen.join(" and ");
@@ -174,7 +175,7 @@ impl Carrier {
             .map_err(|error| Failure::new(format!("the agent has no descriptor left: {error}")))?;
         let inbox = Arc::new(Inbox { packets: packets_in, events: events_in, ready });
         let failed = |error| Failure::new(format!("Zenoh fails: {error}"));
-        let here = Arc::new(Here::new(options));
+        let here = Arc::new(Here::new(options, limited));
         let replies = Replies::open()
             .map_err(|error| Failure::new(format!("the agent has no thread left: {error}")))?;
         let about = about::declare(&session, &me, &here, &replies).map_err(failed)?;
@@ -209,7 +210,8 @@ impl Carrier {
     ) -> Result<(), Failure> {
         // A session that cannot be closed does not listen any more, or the next one says so.
         let _ = self.session.close().wait();
-        *self = Self::open(options, Some(credentials), self.me.clone())?;
+        let limited = self.here.limited();
+        *self = Self::open(options, Some(credentials), self.me.clone(), limited)?;
         Ok(())
     }
 

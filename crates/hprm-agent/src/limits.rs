@@ -1,10 +1,12 @@
 //! What a program may use that the agent starts for somebody else.
 //!
-//! This is what is asked for; `hprm starter` sees to it.
+//! This is what is asked for. `hprm starter` sees to it, by limits of each process, and a control group, where there are some (`groups.rs`), for
+//! all processes together.
 
 use clap::Args;
+use hprm::launch::GroupLimits;
 
-/// How many processes and threads the agent's user may have while a program starts more, and how many files a process
+/// How many processes and threads there may be while a program starts more, and how many files a process
 /// may have open: more than robots need, and far less than what stops a machine.
 const PROCESSES: u64 = 4096;
 const FILES: u64 = 4096;
@@ -12,10 +14,11 @@ const FILES: u64 = 4096;
 /// See the module.
 #[derive(Args, Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Limits {
-    /// How much memory each process of a program may allocate, as in 4G; by default as much as the machine has
+    /// How much memory a program may use, as in 4G; by default as much as the machine has. Where there are no cgroups, each
+    /// process of a program may allocate that much
     #[arg(long = "program-memory", value_name = "BYTES", requires = "fleet_keys", value_parser = bytes)]
     memory: Option<u64>,
-    /// How many processes and threads the user of the agent may have for a program to start another one
+    /// How many processes and threads a program may have, and the user of the agent may have for a program to start another one
     #[arg(long = "program-processes", value_name = "NUMBER", requires = "fleet_keys", default_value_t = PROCESSES)]
     processes: u64,
     /// How many files each process of a program may have open
@@ -26,15 +29,23 @@ pub(crate) struct Limits {
 impl Limits {
     /// What `hprm starter` is told.
     pub(crate) fn arguments(&self) -> [String; 3] {
-        let memory = self.memory.unwrap_or_else(|| {
-            let system = rustix::system::sysinfo();
-            (system.totalram as u64).saturating_mul(u64::from(system.mem_unit))
-        });
         [
-            format!("--memory={memory}"),
+            format!("--memory={}", self.memory()),
             format!("--processes={}", self.processes),
             format!("--files={}", self.files),
         ]
+    }
+
+    /// What all processes of a program may use together, where there are cgroups.
+    pub(crate) fn of_group(&self) -> GroupLimits {
+        GroupLimits { memory: self.memory(), processes: self.processes }
+    }
+
+    fn memory(&self) -> u64 {
+        self.memory.unwrap_or_else(|| {
+            let system = rustix::system::sysinfo();
+            (system.totalram as u64).saturating_mul(u64::from(system.mem_unit))
+        })
     }
 }
 

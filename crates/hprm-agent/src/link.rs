@@ -5,6 +5,7 @@ use std::io::{self, Read, Write};
 use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 
+use hprm::printable;
 use hprm_core::PhysicalTime;
 use hprm_federated::relay::{End, Input, Output, Relay};
 use rustix::event::PollFlags;
@@ -163,7 +164,9 @@ impl Link {
             Some(End::Finished) => {}
             Some(end) => {
                 if self.socket.take().is_some() && self.is_open {
-                    eprintln!("the link {} has ended: {end}", self.what);
+                    // The other end may say anything.
+                    let why = end.to_string();
+                    eprintln!("the link {} has ended: {}", self.what, printable(&why));
                 }
                 self.unread.clear();
             }

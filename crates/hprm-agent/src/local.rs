@@ -8,8 +8,9 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
 
-use hprm::Address;
-use hprm::agent::{Answer, LINE_LIMIT, Place, Request, agent_address};
+use hprm::agent::{Answer, LINE_LIMIT, Place, Request, Rest, agent_address};
+use hprm::{Address, Clock};
+use hprm_core::PhysicalTime;
 use rustix::net::{SendAncillaryBuffer, SendAncillaryMessage, SendFlags, sendmsg, sockopt};
 
 use crate::Failure;
@@ -21,6 +22,7 @@ const GREETINGS: usize = 64;
 /// See the module.
 pub(crate) struct Local {
     listener: UnixListener,
+    rest: Rest,
     path: Option<String>,
     /// Connections whose first line is not complete.
     greetings: Vec<(UnixStream, Vec<u8>)>,
@@ -45,36 +47,58 @@ impl Local {
             Address::Path(path) => Some(path),
             _ => None,
         };
-        Ok(Self { listener, path, greetings: Vec::new(), registrations: BTreeMap::new() })
+        let (greetings, registrations, rest) = (Vec::new(), BTreeMap::new(), Rest::default());
+        Ok(Self { listener, rest, path, greetings, registrations })
     }
 
     /// What shows that there is something to do.
     pub(crate) fn descriptors(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
         let greetings = self.greetings.iter().map(|(stream, _)| stream.as_fd());
         let registrations = self.registrations.values().map(AsFd::as_fd);
-        std::iter::once(self.listener.as_fd()).chain(greetings).chain(registrations)
+        let listener = self.rest.until().is_none().then(|| self.listener.as_fd());
+        listener.into_iter().chain(greetings).chain(registrations)
+    }
+
+    /// When connections are accepted again that there was no descriptor for.
+    pub(crate) fn next_wakeup(&self) -> Option<PhysicalTime> {
+        self.rest.until()
     }
 
     /// The requests that are complete now.
     pub(crate) fn requests(&mut self) -> Vec<(UnixStream, Request)> {
-        let mut requests = Vec::new();
-        while let Ok((stream, _)) = self.listener.accept() {
+        let (mut requests, now) = (Vec::new(), Clock::local());
+        while self.rest.is_over(now) {
+            let stream = match self.listener.accept() {
+                Ok((stream, _)) => stream,
+                Err(error) => {
+                    if self.rest.begins_in_agent(&error, now) {
+                        self.make_room(&mut requests);
+                    }
+                    break;
+                }
+            };
             let is_mine = sockopt::socket_peercred(&stream)
                 .is_ok_and(|peer| peer.uid == rustix::process::geteuid());
             if is_mine && stream.set_nonblocking(true).is_ok() {
                 self.greetings.push((stream, Vec::new()));
             }
             if self.greetings.len() > GREETINGS {
-                // Those that have said what they want, however many came at once, are not among the idle.
-                self.read_greetings(&mut requests);
-            }
-            if self.greetings.len() > GREETINGS {
-                self.greetings.remove(0);
+                self.make_room(&mut requests);
             }
         }
         self.registrations.retain(|_, stream| is_open(stream));
         self.read_greetings(&mut requests);
         requests
+    }
+
+    /// Ends the connection that has been idle for longest, if there are too many, or no descriptor for another one.
+    fn make_room(&mut self, requests: &mut Vec<(UnixStream, Request)>) {
+        // Those that have said what they want, however many came at once, are not among the idle.
+        let before = self.greetings.len();
+        self.read_greetings(requests);
+        if self.greetings.len() == before && before > 0 {
+            self.greetings.remove(0);
+        }
     }
 
     /// Reads the first lines of connections, as far as they have come.

@@ -7,26 +7,67 @@ use std::io;
 use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
+use std::time::Duration;
 
-use hprm::agent::STARTERS;
+use hprm::Clock;
+use hprm::agent::{Limited, STARTERS};
+use hprm::console::reason;
+use hprm::launch::Group;
+use hprm_core::{Nanos, PhysicalTime};
 
+use crate::groups::Groups;
 use crate::options::Programs;
 use crate::threads;
 
 /// How many programs may run at the same time.
 const LIMIT: usize = 64;
 
+/// How soon it is noticed that a starter has ended, whose program is to end with it.
+const LOOK: Nanos = 250_000_000;
+
+/// How long processes may take to be gone that were killed.
+const GONE: Duration = Duration::from_secs(1);
+
 /// See the module.
 pub(crate) struct Starters {
     machine: String,
     programs: Option<Programs>,
-    running: Vec<Child>,
+    running: Vec<(Child, Option<Group>)>,
+    /// Those of programs whose starters have ended, and that are not gone yet.
+    ending: Vec<Group>,
+    /// After those in it.
+    groups: Option<Groups>,
+    /// Why there are none, if programs are started without.
+    ungrouped: Option<String>,
 }
 
 impl Starters {
-    /// None yet.
+    /// None yet. If there may be any, the agent gets control groups, where the system lets it.
     pub(crate) fn new(machine: &str, programs: Option<Programs>) -> Self {
-        Self { machine: machine.to_owned(), programs, running: Vec::new() }
+        let groups = programs.is_some().then(Groups::open);
+        let (groups, ungrouped) = match groups {
+            Some(Ok(groups)) => (Some(groups), None),
+            Some(Err(why)) => (None, Some(why)),
+            None => (None, None),
+        };
+        let (running, ending) = (Vec::new(), Vec::new());
+        Self { machine: machine.to_owned(), programs, running, ending, groups, ungrouped }
+    }
+
+    /// For what the limits of programs count, if the agent starts any.
+    pub(crate) fn limited(&self) -> Option<Limited> {
+        let groups = self.groups.as_ref().map(|_| Limited::Program);
+        groups.or_else(|| self.ungrouped.as_ref().map(|_| Limited::Process))
+    }
+
+    /// The same for people.
+    pub(crate) fn limited_text(&self) -> Option<String> {
+        let together = "limits count for all processes of a program together, by cgroups";
+        let each = |why| {
+            format!("limits count for each process of a program, as there are no cgroups: {why}")
+        };
+        let groups = self.groups.as_ref().map(|_| together.to_owned());
+        groups.or_else(|| self.ungrouped.as_ref().map(each))
     }
 
     /// Whether a link to a listener of that name is for a starter.
@@ -57,15 +98,54 @@ impl Starters {
         command.arg("--machine").arg(machine).arg("--keys").arg(&programs.keys);
         command.args(programs.allow_root.then_some("--allow-root"));
         command.args(programs.limits.arguments());
+        let group = self.groups.as_mut().map(|groups| groups.make(programs.limits.of_group()));
+        let group = group.transpose().map_err(|error| {
+            format!("the agent of {machine} cannot limit a program: {}", reason(&error))
+        })?;
+        if let Some(group) = &group {
+            command.arg("--group").arg(group.path());
+        }
         threads::forget(&mut command);
         command.stdin(Stdio::from(std::os::fd::OwnedFd::from(socket))).stdout(Stdio::null());
-        self.running.push(command.spawn().map_err(failed)?);
+        match command.spawn() {
+            Ok(starter) => self.running.push((starter, group)),
+            Err(error) => {
+                self.ending.extend(group);
+                return Err(failed(error));
+            }
+        }
         Ok(())
     }
 
-    /// Takes note of those that have ended.
+    /// Takes note of those that have ended, and ends what is left of their programs.
     pub(crate) fn reap(&mut self) {
-        self.running.retain_mut(|starter| !matches!(starter.try_wait(), Ok(Some(_))));
+        let ended = self.running.extract_if(.., |(it, _)| matches!(it.try_wait(), Ok(Some(_))));
+        self.ending.extend(ended.filter_map(|(_, group)| group));
+        // What was killed takes a moment.
+        self.ending.retain(|group| !group.end(Duration::ZERO));
+    }
+
+    /// When to do that again, even if nothing else happens.
+    pub(crate) fn next_wakeup(&self) -> Option<PhysicalTime> {
+        let is_awaited = !self.ending.is_empty() || self.running.iter().any(|(_, it)| it.is_some());
+        is_awaited.then(|| Clock::local().plus(LOOK))
+    }
+}
+
+impl Drop for Starters {
+    /// The kernel ends them with the agent; they leave no groups behind if they end before.
+    fn drop(&mut self) {
+        for (starter, _) in &mut self.running {
+            // It may have ended.
+            let _ = starter.kill();
+            let _ = starter.wait();
+        }
+        for group in
+            self.running.drain(..).filter_map(|(_, group)| group).chain(self.ending.drain(..))
+        {
+            // What is left then, the next agent removes.
+            let _ = group.end(GONE);
+        }
     }
 }
 

@@ -36,7 +36,7 @@ pub(crate) use crate::args::comparing::{Diff, Verify};
 pub(crate) use crate::args::compose::Compose;
 pub(crate) use crate::args::diagram::Diagram;
 pub(crate) use crate::args::frames::LogFrames;
-pub(crate) use crate::args::machines::{Agent, At, Machines, Starter, federate};
+pub(crate) use crate::args::machines::{Agent, At, FLEET_KEY, Machines, Starter, federate};
 pub(crate) use crate::args::mirroring::Mirror;
 pub(crate) use crate::args::new::{Language, New};
 use crate::args::numbers::{at_least, whole};

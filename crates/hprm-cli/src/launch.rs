@@ -14,8 +14,8 @@ use hprm::launch::{Launch, Membership};
 use hprm::recorder::TraceRequest;
 use hprm::supervisor::Advice;
 use hprm::{
-    Address, Failure, FederationId, HangTimeout, STAGE, Security, THROUGH_AGENT, random_bytes,
-    random_federation,
+    Address, Failure, FederationId, HangTimeout, Report, STAGE, Security, THROUGH_AGENT,
+    random_bytes, random_federation,
 };
 use hprm_core::{FederateId, Program};
 use hprm_model::Compiled;
@@ -103,7 +103,11 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
         descriptions.iter().for_each(|known| known.hand_to(&mut command));
         Ok(command)
     };
-    Ok(launching.run(command, &mut message::tell)?)
+    let mut tell = |label, report: Report| {
+        let known = errands.iter().fold(report, |report, errands| errands.explained(report));
+        message::tell(label, known);
+    };
+    Ok(launching.run(command, &mut tell)?)
 }
 
 /// A name that no other listener of this machine has.

@@ -6,7 +6,7 @@ use std::os::unix::process::CommandExt;
 use std::process::{Command, ExitCode};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use hprm::agent::{About, ClockReading, Machine, machines as ask};
+use hprm::agent::{About, ClockReading, Limited, Machine, machines as ask};
 use serde_json::json;
 
 use crate::args::{Agent, Machines};
@@ -38,6 +38,9 @@ fn show(json: bool) -> Result<ExitCode, Error> {
 const TITLES: [&str; 7] =
     ["machine", "version", "processors", "memory", "clock", "federations", "listens at"];
 
+/// The column that is there when an agent starts programs.
+const LIMITS: &str = "limits";
+
 /// The column that is there when a certificate ends soon.
 const CERTIFICATE: &str = "certificate";
 
@@ -51,13 +54,25 @@ fn table(machines: &[Machine], now: i64) -> String {
     let ends: Vec<_> = machines.iter().map(|machine| certificate(machine, now)).collect();
     let mut rows: Vec<_> = machines.iter().map(row).collect();
     let mut titles = TITLES.to_vec();
-    if ends.iter().any(Option::is_some) {
-        titles.push(CERTIFICATE);
-        for (row, end) in rows.iter_mut().zip(ends) {
-            row.push(end.unwrap_or_else(|| "-".to_owned()));
+    let limits: Vec<_> = machines.iter().map(limits).collect();
+    for (title, cells) in [(LIMITS, limits), (CERTIFICATE, ends)] {
+        if cells.iter().any(Option::is_some) {
+            titles.push(title);
+            for (row, cell) in rows.iter_mut().zip(cells) {
+                row.push(cell.unwrap_or_else(|| "-".to_owned()));
+            }
         }
     }
     columns::text(&titles, rows)
+}
+
+/// For what the limits of programs count that an agent starts.
+fn limits(machine: &Machine) -> Option<String> {
+    let text = match machine.about.as_ref()?.limits? {
+        Limited::Program => "per program",
+        Limited::Process => "per process",
+    };
+    Some(text.to_owned())
 }
 
 /// When the certificate of a machine ends, if that is soon.
@@ -147,6 +162,7 @@ mod tests {
             memory: 8_000_000_000,
             federations: vec!["Vision".to_owned(), "Arm".to_owned()],
             certificate_ends: Some(1_000 * DAY),
+            limits: None,
         };
         let machine = |name: &str, about, clock| Machine {
             name: name.to_owned(),
@@ -170,6 +186,13 @@ robot2                      0.1.0           4  8.00 GB  +1.50 ms ±200 us  Visio
 robot3 (does not answer)        -           -        -                 -            -               -
 robot4 (through robot2)     0.1.0           4  8.00 GB  +1.50 ms ±200 us  Vision, Arm  192.0.2.1:7650";
         assert_eq!(table(&machines, 0), expected);
+        let mut limited = machines.clone();
+        for (machine, limits) in limited.iter_mut().zip([Limited::Program, Limited::Process]) {
+            machine.about.as_mut().unwrap().limits = Some(limits);
+        }
+        let lines = table(&limited, 0);
+        let cells: Vec<_> = lines.lines().map(|line| line[line.len() - 11..].trim()).collect();
+        assert_eq!(cells, ["limits", "per program", "per process", "-", "-"]);
         let lines = table(&machines, 970 * DAY);
         let ends: Vec<_> = lines.lines().map(|line| line[line.len() - 15..].trim()).collect();
         let soon = "ends in 30 days";

@@ -12,12 +12,13 @@
 //!
 //! `places` says which federate belongs where, `program` which files it needs, `protocol` what both say to one another,
 //! `clocks` whether federates wait long enough for the clocks of their machines, `key` how each proves that it may, `cache`
-//! keeps files, `limits` bounds what a federate uses, `recording` brings what it records for a trace.
+//! keeps files, `limits` bounds what a federate uses, `notes` says why one was ended, `recording` brings what it records for a trace.
 
 mod cache;
 mod clocks;
 mod key;
 mod limits;
+mod notes;
 mod places;
 mod program;
 mod protocol;
@@ -25,6 +26,6 @@ mod recording;
 mod stand_in;
 mod starter;
 
-pub(crate) use self::places::{Places, places};
+pub(crate) use self::places::{Places, check_key, places};
 pub(crate) use self::stand_in::{Errands, stand_in};
 pub(crate) use self::starter::starter;

@@ -55,6 +55,7 @@ pub(crate) fn run(arguments: &Run) -> Result<ExitCode, Error> {
         true => arguments.interpreter.python.clone().unwrap_or_default(),
         false => python::find(&arguments.interpreter)?,
     };
+    remote::check_key(&arguments.at)?;
     if !compiled.program.is_federated() {
         refuse_options_of_federations(&compiled.program, arguments)?;
         return Err(replace(alone(&python, arguments, None)));

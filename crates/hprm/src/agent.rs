@@ -8,6 +8,7 @@
 //! The agent links Zenoh; this crate only knows these lines.
 
 mod machines;
+mod rest;
 
 use std::fmt;
 use std::io;
@@ -16,9 +17,10 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 
-pub use self::machines::{About, ClockReading, Machine};
-use crate::Address;
+pub use self::machines::{About, ClockReading, Limited, Machine};
+pub use self::rest::Rest;
 use crate::link::{ask_for_machines, connect_through_agent};
+use crate::{Address, printable};
 
 /// Names an address at which the agent of this machine listens, if it is not the usual one.
 pub const AGENT: &str = "HPRM_AGENT";
@@ -193,14 +195,15 @@ impl fmt::Display for Answer {
 }
 
 impl Answer {
-    /// Reads a line without its end.
+    /// Reads a line without its end. Another machine may have written it, so the text is [printable].
     #[must_use]
     pub fn read(line: &str) -> Self {
         let (word, text) = line.split_once(' ').unwrap_or((line, ""));
+        let text = || printable(text).into_owned();
         match word {
-            "done" => Self::Done(text.to_owned()),
-            "absent" => Self::Absent(text.to_owned()),
-            "refused" => Self::Refused(text.to_owned()),
+            "done" => Self::Done(text()),
+            "absent" => Self::Absent(text()),
+            "refused" => Self::Refused(text()),
             _ => Self::Refused("the agent answers what this version does not know".to_owned()),
         }
     }
@@ -236,6 +239,7 @@ mod tests {
         let long = Answer::Absent(format!("two\nlines {}", "ü".repeat(LINE_LIMIT))).to_string();
         assert!(long.len() <= LINE_LIMIT && long.matches('\n').count() == 1);
         assert_eq!(Answer::read("done robot1"), Answer::Done("robot1".to_owned()));
+        assert_eq!(Answer::read("absent \x1b[2J"), Answer::Absent("\\u{1b}[2J".to_owned()));
         assert!(matches!(Answer::read("what?"), Answer::Refused(_)));
     }
 

@@ -6,6 +6,7 @@
 
 mod children;
 mod follow;
+mod group;
 mod leftovers;
 mod limits;
 mod output;
@@ -33,6 +34,7 @@ use crate::supervisor::{
 };
 use crate::trace::{Parts, TraceShare};
 use crate::{Address, Failure, FederationId, HangTimeout, Label, Report, RtiHandle, Security};
+pub use group::{GROUP_HOME, Group, GroupLimits};
 pub use limits::{need_files, unstarted};
 pub use parent::die_with_parent;
 pub(crate) use signals::watch;

@@ -7,7 +7,8 @@ use std::net::{TcpListener, TcpStream};
 use std::os::fd::AsFd;
 use std::time::{Duration, Instant};
 
-use hprm::random_bytes;
+use hprm::agent::Rest;
+use hprm::{Clock, random_bytes};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::authority::Authority;
@@ -32,6 +33,7 @@ struct Connection {
 /// A machine that is invited.
 pub(super) struct Host {
     listener: TcpListener,
+    rest: Rest,
     invitation: Invitation,
     until: Instant,
     is_router: bool,
@@ -55,7 +57,8 @@ impl Host {
         let code = Code::new(random()?);
         let until = Instant::now() + valid;
         let invitation = Invitation::new(name, code.clone(), until);
-        Ok((Self { listener, invitation, until, is_router, connections: Vec::new() }, code))
+        let (rest, connections) = (Rest::default(), Vec::new());
+        Ok((Self { listener, rest, invitation, until, is_router, connections }, code))
     }
 
     /// Where it listens.
@@ -90,15 +93,28 @@ impl Host {
 
     fn wait(&self, at_most: Duration) {
         let streams = self.connections.iter().map(|connection| connection.stream.as_fd());
-        let fds = std::iter::once(self.listener.as_fd()).chain(streams);
+        let listener = self.rest.until().is_none().then(|| self.listener.as_fd());
+        let fds = listener.into_iter().chain(streams);
         let mut fds: Vec<_> = fds.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)).collect();
+        let rest = self.rest.until().map(|until| until.since(Clock::local()).max(0).unsigned_abs());
+        let at_most = rest.map_or(at_most, |rest| at_most.min(Duration::from_nanos(rest)));
         let timeout = Timespec::try_from(at_most).unwrap_or(Timespec { tv_sec: 1, tv_nsec: 0 });
         // A signal that does not end the process has ended the wait, which is as good.
         let _ = poll(&mut fds, Some(&timeout));
     }
 
     fn accept(&mut self) -> Result<(), Failure> {
-        while let Ok((mut stream, _)) = self.listener.accept() {
+        let now = Clock::local();
+        while self.rest.is_over(now) {
+            let mut stream = match self.listener.accept() {
+                Ok((stream, _)) => stream,
+                Err(error) => {
+                    if self.rest.begins_after(&error, now) && !self.connections.is_empty() {
+                        self.connections.remove(0);
+                    }
+                    break;
+                }
+            };
             let nonce: Nonce = random()?;
             let mut greeting = Vec::with_capacity(GREETING);
             greeting.extend(MAGIC);

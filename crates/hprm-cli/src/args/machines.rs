@@ -8,10 +8,14 @@ use clap::Args;
 use hprm::agent::is_name;
 use hprm_core::federate_name;
 
+/// Names the file with a fleet key for all programs.
+pub(crate) const FLEET_KEY: &str = "HPRM_FLEET_KEY";
+
 /// List the machines whose agents see one another.
 ///
 /// The agent of this machine asks those of all others: for the version of HPRM, processors, memory, what their clocks
-/// show beside that of this machine, and the names of the federations that run there.
+/// show beside that of this machine, the names of the federations that run there, and whether limits of programs that the agent starts
+/// count for all processes of a program together.
 #[derive(Args, Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Machines {
     /// Print one JSON object.
@@ -39,7 +43,7 @@ pub(crate) struct At {
     pub(crate) at: Vec<(String, String)>,
     /// The file with a fleet key that the agents of those machines know. With it, federates also run where the program
     /// says (at).
-    #[arg(long, value_name = "FILE", env = "HPRM_FLEET_KEY", hide_env_values = true)]
+    #[arg(long, value_name = "FILE", env = FLEET_KEY, hide_env_values = true)]
     pub(crate) fleet_key: Option<PathBuf>,
 }
 
@@ -79,4 +83,7 @@ pub(crate) struct Starter {
     /// How many files a process may have open.
     #[arg(long)]
     pub(crate) files: u64,
+    /// The control group in which the program is to run, with limits for all of it together.
+    #[arg(long)]
+    pub(crate) group: Option<PathBuf>,
 }

@@ -13,6 +13,7 @@ use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Component, Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
+use hprm::printable;
 use rustix::fs::{FlockOperation, flock};
 
 use super::program::{BYTES, FILES, digest};
@@ -216,7 +217,8 @@ pub(super) fn mistake(main: &str, listed: &[Listed]) -> Option<String> {
 /// Whether a path leads to a file below a folder, whatever is there.
 fn is_below(path: &str) -> bool {
     let names = || Path::new(path).components();
-    let is_plain = path.len() <= PATH_LIMIT && !path.contains('\0') && !path.ends_with('/');
+    // Names of programs are shown to users of this machine.
+    let is_plain = path.len() <= PATH_LIMIT && printable(path) == path && !path.ends_with('/');
     let is_named = names().all(|name| matches!(name, Component::Normal(_)));
     is_plain && is_named && (1..=DEPTH_LIMIT).contains(&names().count())
 }

@@ -88,7 +88,7 @@ pub(super) fn nonce() -> Result<Nonce, Error> {
 pub(super) fn read(path: &Path) -> Result<Vec<Key>, Error> {
     let shown = path.display();
     let failed = |error: std::io::Error| {
-        Error::option(format!("cannot read {shown}: {}", message::reason(&error)))
+        Error::option(format!("cannot read fleet keys in {shown}: {}", message::reason(&error)))
     };
     // If it is a pipe, it does not block.
     let mut options = File::options();

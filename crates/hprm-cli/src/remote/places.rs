@@ -8,9 +8,9 @@ use std::time::{Duration, Instant};
 use hprm::agent::{self, Machine, Place};
 use hprm_core::{FederateId, Program};
 
-use super::clocks;
 use super::stand_in::probe;
-use crate::args::At;
+use super::{clocks, key};
+use crate::args::{At, FLEET_KEY};
 use crate::hosts::is_this_machine;
 use crate::message::{self, Error};
 
@@ -63,6 +63,20 @@ impl Places {
     }
 }
 
+/// Refuses a key that cannot be read and that an option names, also if no federate turns out to need it. The environment
+/// names one for all programs, most of which need none.
+///
+/// # Errors
+///
+/// What is wrong with its file.
+pub(crate) fn check_key(wanted: &At) -> Result<(), Error> {
+    let is_environment = |key: &PathBuf| {
+        std::env::var_os(FLEET_KEY).is_some_and(|set| set.as_os_str() == key.as_os_str())
+    };
+    let stated = wanted.fleet_key.as_ref().filter(|key| !is_environment(key));
+    stated.map_or(Ok(()), |key| key::read(key).map(drop))
+}
+
 /// Where the federates of a program are to run, if any of them is to run on another machine: what the program says
 /// (`at`), or what is asked for instead. Agents are asked only if a key is given.
 ///
@@ -86,6 +100,8 @@ pub(crate) fn places(program: &Program, wanted: &At) -> Result<Option<Places>, E
     if machines.values().all(|machine| is_this_machine(machine)) {
         return Ok(None);
     }
+    // Before agents are asked.
+    key::read(key)?;
     let known = known(&machines)?;
     let here = known.iter().find(|machine| machine.is_here).map(|here| here.name.clone());
     let here = here.ok_or_else(|| Error::new("the agent of this machine does not name it"))?;

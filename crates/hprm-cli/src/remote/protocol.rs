@@ -19,7 +19,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// The version of these messages.
-pub(super) const VERSION: u32 = 2;
+pub(super) const VERSION: u32 = 3;
 
 /// The most bytes of a message.
 pub(super) const MESSAGE_LIMIT: usize = 4 << 20;
@@ -83,6 +83,8 @@ pub(super) enum Ended {
     Code(i32),
     /// By this signal.
     Signal(i32),
+    /// By the system, because all of its processes together may have that many bytes of memory.
+    Memory(u64),
 }
 
 /// A federate that is to be started, and the files that it needs.

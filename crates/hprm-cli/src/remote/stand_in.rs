@@ -1,5 +1,7 @@
 //! The process on this machine that stands for a federate on another one.
 
+use std::cell::RefCell;
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::net::Shutdown;
@@ -10,16 +12,17 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use hprm::FederationId;
 use hprm::agent::{self, Place, STARTERS};
 use hprm::launch::{Membership, die_with_parent};
+use hprm::{FederationId, Kind, Report, printable_lines};
 use hprm_model::Compiled;
 use rustix::fs::{MemfdFlags, memfd_create};
-use rustix::process::{Resource, Rlimit, setrlimit};
+use rustix::process::{Resource, Rlimit, Signal, setrlimit};
 use serde::{Deserialize, Serialize};
 
 use super::Places;
 use super::key::{self, Occasion, Side};
+use super::notes::{self, Note, Why};
 use super::program::{self, Files};
 use super::protocol::{self, Asked, CHUNK, Ended, Manifest, Told};
 use super::recording::Writing;
@@ -52,6 +55,8 @@ struct Errand {
 pub(crate) struct Errands {
     files: Files,
     rti: String,
+    /// Where stand-ins write why a federate has ended, by the names of federates.
+    notes: RefCell<BTreeMap<String, Note>>,
 }
 
 impl Errands {
@@ -61,7 +66,8 @@ impl Errands {
     ///
     /// If a file of the program cannot be read.
     pub(crate) fn new(compiled: &Compiled, file: &Path, rti: String) -> Result<Self, Error> {
-        Ok(Self { files: program::files(compiled, file)?, rti })
+        let notes = RefCell::default();
+        Ok(Self { files: program::files(compiled, file)?, rti, notes })
     }
 
     /// The command of the stand-in of a federate.
@@ -105,9 +111,22 @@ impl Errands {
             Error::new(format!("cannot start federate {} on {machine}: {error}", membership.name))
         };
         let this = std::env::current_exe().map_err(unable)?;
+        let file = errand.file().map_err(unable)?;
+        let note = Note::behind(&file).map_err(unable)?;
+        self.notes.borrow_mut().insert(membership.name.to_owned(), note);
         let mut command = Command::new(this);
-        command.arg("stand-in").stdin(Stdio::from(errand.file().map_err(unable)?));
+        command.arg("stand-in").stdin(Stdio::from(file));
         Ok(command)
+    }
+
+    /// What is told of a federate that has ended, and why if its stand-in knows more than that.
+    pub(crate) fn explained(&self, report: Report) -> Report {
+        let notes = self.notes.borrow();
+        let note = report.federate.as_ref().and_then(|federate| notes.get(federate)?.read());
+        match note {
+            Some(note) if report.kind == Kind::Killed => note.explain(report),
+            _ => report,
+        }
     }
 }
 
@@ -154,7 +173,12 @@ pub(crate) fn stand_in() -> Result<ExitCode, Error> {
     let is_cut = matches!(followed, Err(Lost::Link(_)));
     writing.iter_mut().for_each(|writing| writing.end(!is_cut));
     match followed {
-        Ok(ended) => Ok(end(ended)),
+        Ok(ended) => {
+            if let Ended::Memory(bytes) = ended {
+                errand.on_memory(bytes).leave().map_err(failed)?;
+            }
+            Ok(end(ended))
+        }
         // The launcher tells that the federate has ended, and this is why.
         Err(Lost::Link(error)) => {
             errand.lost(&error).show_as_warning();
@@ -307,6 +331,19 @@ impl Errand {
         })
     }
 
+    fn on_memory(&self, bytes: u64) -> Why {
+        let Self { machine, manifest, .. } = self;
+        let (federate, memory) = (&manifest.federate, notes::size(bytes));
+        Why {
+            message: format!(
+                "federate {federate} was ended on {machine}, as all of its processes together needed more than {memory} of memory"
+            ),
+            hint: format!(
+                "let it have more, by --program-memory of the agent of {machine}; or give it less to do"
+            ),
+        }
+    }
+
     fn lost(&self, error: &io::Error) -> Error {
         let Self { machine, manifest, .. } = self;
         let federate = &manifest.federate;
@@ -338,9 +375,10 @@ fn next(stream: &UnixStream) -> Result<Told, Lost> {
     match protocol::read(stream)? {
         None => Err(Lost::Link(io::ErrorKind::UnexpectedEof.into())),
         Some(Told::Failed { message, hint }) => {
-            let error = Error::new(message);
+            // The other machine may say anything.
+            let error = Error::new(printable_lines(&message));
             Err(Lost::Told(match hint {
-                Some(hint) => error.hint(hint),
+                Some(hint) => error.hint(printable_lines(&hint)),
                 None => error,
             }))
         }
@@ -352,6 +390,7 @@ fn next(stream: &UnixStream) -> Result<Told, Lost> {
 fn end(ended: Ended) -> ExitCode {
     match ended {
         Ended::Code(code) => u8::try_from(code).map_or(ExitCode::FAILURE, ExitCode::from),
+        Ended::Memory(_) => end(Ended::Signal(Signal::KILL.as_raw())),
         Ended::Signal(signal) => {
             let none = Rlimit { current: Some(0), maximum: Some(0) };
             // What it has left in its memory is of no interest; this ends the process.

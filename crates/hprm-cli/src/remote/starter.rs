@@ -12,9 +12,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use hprm::Clock;
-use hprm::launch::die_with_parent;
+use hprm::launch::{Group, die_with_parent};
 use hprm::recorder::{Outbox, TRACE};
+use hprm::{Clock, printable};
 use rustix::process::{
     Pid, Signal, WaitId, WaitIdOptions, kill_process, kill_process_group, waitid,
 };
@@ -35,6 +35,9 @@ const ASKING: Duration = Duration::from_secs(30);
 /// How long a federate may take to end that has lost its stand-in, and what it has written to be read.
 const ENDING: Duration = Duration::from_secs(3);
 const LAST_WORDS: Duration = Duration::from_secs(30);
+
+/// The signal by which the system ends processes, too.
+const KILL: i32 = Signal::KILL.as_raw();
 
 /// Where a federate writes its share of the logical trace, and what it records in physical time, beside the files of its
 /// program.
@@ -95,11 +98,17 @@ fn serve(stream: &UnixStream, wanted: &Starter) -> Result<(), Error> {
     let Starter { memory, processes, files, .. } = *wanted;
     let limits = Limits { memory, processes, files };
     limits.apply().map_err(|error| failed("limit what a program uses", &error))?;
-    let child = command.spawn().map_err(|error| failed("start an interpreter", &error))?;
+    let group = wanted.group.clone().map(Group::at);
+    let child = match &group {
+        Some(group) => group.start(&mut command),
+        None => command.spawn(),
+    };
+    let child = child.map_err(|error| failed("start an interpreter", &error))?;
     let Manifest { federate, main, .. } = &*manifest;
+    let (federate, main) = (printable(federate), printable(main));
     print_error(format!("federate {federate} of {main} has been started for {owner}\n").as_bytes());
-    let run =
-        Run { stream: Arc::new(Mutex::new(stream.try_clone().map_err(|e| failed("run", &e))?)) };
+    let stream = stream.try_clone().map_err(|error| failed("run", &error))?;
+    let run = Run { stream: Arc::new(Mutex::new(stream)), group, memory };
     let share = manifest.trace.is_some().then(|| laid.folder().join(SHARE));
     let ended = run.follow(child, share.as_deref(), outbox);
     let ended = ended.map_err(|error| failed("follow it", &error))?;
@@ -215,6 +224,9 @@ fn command(manifest: &Manifest, laid: &Laid) -> Result<Command, Error> {
 #[derive(Clone)]
 struct Run {
     stream: Arc<Mutex<UnixStream>>,
+    /// What all of its processes are in, and how many bytes they may have together.
+    group: Option<Group>,
+    memory: u64,
 }
 
 impl Run {
@@ -252,13 +264,21 @@ impl Run {
         has_ended.store(true, Ordering::SeqCst);
         // What it has started ends with it.
         let _ = kill_process_group(pid, Signal::KILL);
-        // All that they have written is on its way then; unless a process has left the group, and writes for ever.
+        self.group.iter().for_each(Group::kill);
+        // All that they have written is on its way then; unless, without a control group, a process has left that of the
+        // federate, and writes for ever.
         let _ = words.recv_timeout(LAST_WORDS);
         let status = child.wait()?;
+        let has_lacked_memory = self.group.as_ref().is_some_and(Group::has_lacked_memory);
+        // What is not gone by then, the agent removes.
+        let _ = self.group.as_ref().is_some_and(|group| group.end(ENDING));
         sending.into_iter().for_each(Sending::finish);
         self.send_share(share)?;
-        let code = status.code().map(Ended::Code);
-        Ok(code.unwrap_or_else(|| Ended::Signal(status.signal().unwrap_or_default())))
+        Ok(match (status.code(), status.signal().unwrap_or_default()) {
+            (Some(code), _) => Ended::Code(code),
+            (None, KILL) if has_lacked_memory => Ended::Memory(self.memory),
+            (None, signal) => Ended::Signal(signal),
+        })
     }
 
     fn tell(&self, told: &Told) -> io::Result<()> {

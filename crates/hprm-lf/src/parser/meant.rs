@@ -1,13 +1,16 @@
 //! What a program probably means where the grammar expects something else: the words of hints, and nothing more.
 
-use hprm_model::declaration::Reference;
-use hprm_model::did_you_mean;
+use hprm_model::declaration::{Name, Reference};
+use hprm_model::{Diagnostic, did_you_mean};
 
 use super::{MEMBERS, Parsed, Parser};
 use crate::token::TokenKind;
 
 const DELAY: &str =
     "a delay stands behind its connection: `source.output -> receiver.input after 10 ms`";
+
+/// The longest part of a program that a hint repeats.
+const LONGEST_SHOWN: usize = 40;
 
 /// Words with which a statement of Python begins.
 const PYTHON: [&str; 10] =
@@ -48,6 +51,42 @@ impl Parser<'_> {
             word => return did_you_mean(word, MEMBERS),
         };
         Some(hint.to_owned())
+    }
+
+    /// Refuses `@compress (a.out)+ -> b.inp`: the parentheses of the broadcast are those of the attribute.
+    pub(super) fn no_broadcast(&mut self, attribute: &Name) -> Parsed<()> {
+        let Some(end) = self.closing() else { return Ok(()) };
+        let behind = self.peek(end + 1);
+        if behind.kind != TokenKind::Mark('+') {
+            return Ok(());
+        }
+        let span = self.token().span.to(behind.span);
+        let (name, written) = (&attribute.text, &self.text[span.range()]);
+        let broadcast = match written.contains('\n') || written.len() > LONGEST_SHOWN {
+            true => "(...)+",
+            false => written,
+        };
+        let hint = format!("write `@{name}() {broadcast}`");
+        let message = format!("these parentheses belong to `@{name}`, so no broadcast begins here");
+        self.lose(Diagnostic::error("LF0003", span, message).hint(hint))
+    }
+
+    /// How many tokens ahead the parenthesis is closed that is next.
+    fn closing(&self) -> Option<usize> {
+        let mut open = 0_usize;
+        for (ahead, token) in self.tokens[self.at..].iter().enumerate() {
+            match token.kind {
+                TokenKind::Mark('(') => open += 1,
+                TokenKind::Mark(')') => open = open.checked_sub(1)?,
+                // Another attribute, which no value has. So no token is looked at often.
+                TokenKind::Mark('@') => return None,
+                _ => {}
+            }
+            if open == 0 {
+                return Some(ahead);
+            }
+        }
+        None
     }
 
     /// Refuses `reaction(startup) <- out`.

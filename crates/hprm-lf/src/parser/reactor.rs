@@ -207,6 +207,7 @@ impl Parser<'_> {
             let start = self.advance().span;
             let name = self.name("the name of an attribute")?;
             let arguments = if self.is_mark('(') {
+                self.no_broadcast(&name)?;
                 self.enclosed(('(', ')'), Self::attribute_argument)?
             } else {
                 Vec::new()

@@ -652,3 +652,35 @@ main reactor { a = new A() }
       = help: a value of Python is written `{= None =}`
     ");
 }
+
+#[test]
+fn an_attribute_before_a_broadcast_has_parentheses_of_its_own() {
+    assert_snapshot!(errors("
+reactor A { output out }
+reactor B { input inp }
+federated reactor {
+  a = new A()
+  b = new[2] B()
+  @compress (a.out)+ -> b.inp
+  @absent_after(1 s) @compress(
+    a.out)+ -> b.inp
+  @compress() (a.out)+ -> b.inp
+}
+"), @r"
+    error[LF0003]: these parentheses belong to `@compress`, so no broadcast begins here
+     --> Main.lf:7:13
+      |
+    7 |   @compress (a.out)+ -> b.inp
+      |             ^^^^^^^^
+      |
+      = help: write `@compress() (a.out)+`
+
+    error[LF0003]: these parentheses belong to `@compress`, so no broadcast begins here
+     --> Main.lf:8:31
+      |
+    8 |   @absent_after(1 s) @compress(
+      |                               ^
+      |
+      = help: write `@compress() (...)+`
+    ");
+}

@@ -1,6 +1,7 @@
 //! What agents say of their machines.
 //!
-//! `hprm machines` shows it. It is for people: nothing of it decides what a federation does.
+//! `hprm machines` shows it. It is for people: nothing of it decides what a federation does. Another machine may say anything,
+//! so texts are [printable](crate::printable).
 
 use serde::{Deserialize, Serialize};
 
@@ -24,18 +25,34 @@ pub struct Machine {
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct About {
     /// The version of HPRM.
+    #[serde(deserialize_with = "crate::shown::text")]
     pub version: String,
     /// Where the agent listens for other agents, `HOST:PORT` each.
+    #[serde(deserialize_with = "crate::shown::all")]
     pub addresses: Vec<String>,
     /// How many processors the agent may use.
     pub processors: u64,
     /// The memory of the machine, in bytes.
     pub memory: u64,
     /// The names of the federations of the agent's user that have processes there.
+    #[serde(deserialize_with = "crate::shown::all")]
     pub federations: Vec<String>,
     /// Until when the certificate of the machine is valid, in seconds since 1970; none if it has none.
     #[serde(default)]
     pub certificate_ends: Option<i64>,
+    /// For what the limits of the programs count that the agent starts; none if it starts none.
+    #[serde(default)]
+    pub limits: Option<Limited>,
+}
+
+/// For what a limit of memory or of processes counts.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Limited {
+    /// All processes of a program together, by cgroups.
+    Program,
+    /// Each process, and all processes of the user.
+    Process,
 }
 
 /// What the clock of a machine shows beside another one, found from round trips.

@@ -1,4 +1,6 @@
 //! Of which loop a board is, and what the numbers of its program mean.
+//!
+//! A program that an agent has started for another machine may have any names, so they are [printable](crate::printable) where they are read.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +20,7 @@ pub enum Role {
     /// The RTI.
     Rti,
     /// A federate, by its name.
-    Federate(String),
+    Federate(#[serde(deserialize_with = "crate::shown::text")] String),
 }
 
 impl Role {
@@ -38,6 +40,7 @@ pub struct Identity {
     /// See [`FORMAT`].
     pub format: u32,
     /// The name of the federation: that of its program.
+    #[serde(deserialize_with = "crate::shown::text")]
     pub federation: String,
     /// The same for all loops of one federation, and another one for each run. It does not tell the secret.
     pub id: String,
@@ -46,6 +49,7 @@ pub struct Identity {
     /// Its process, by the number that it has for itself; in a container that is another number than outside.
     pub pid: u32,
     /// The machine.
+    #[serde(deserialize_with = "crate::shown::text")]
     pub host: String,
     /// When it began, in nanoseconds since the Unix epoch.
     pub since: i64,
@@ -74,8 +78,10 @@ impl Identity {
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct ReactionName {
     /// What messages call it.
+    #[serde(deserialize_with = "crate::shown::text")]
     pub label: String,
     /// Where it is in the source, as `FILE:LINE`, if that is known.
+    #[serde(deserialize_with = "crate::shown::maybe")]
     pub place: Option<String>,
 }
 
@@ -87,8 +93,10 @@ pub struct ChannelName {
     /// The number of the federate that receives.
     pub to: u16,
     /// The port that sends.
+    #[serde(deserialize_with = "crate::shown::text")]
     pub from_port: String,
     /// The port that receives.
+    #[serde(deserialize_with = "crate::shown::text")]
     pub to_port: String,
     /// Whether the receiver gives its messages their tags.
     pub physical: bool,
@@ -98,6 +106,7 @@ pub struct ChannelName {
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 pub struct Names {
     /// All federates, by number.
+    #[serde(deserialize_with = "crate::shown::all")]
     pub federates: Vec<String>,
     /// The reactions of the federate; none on the board of the RTI.
     pub reactions: BTreeMap<u32, ReactionName>,

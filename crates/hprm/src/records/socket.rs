@@ -148,14 +148,14 @@ impl RecordListener {
         Ok(Self { _end: CloseInChild::of(&fd), fd })
     }
 
-    /// The next connection, if one waits. It fails if that is one of another user.
+    /// The next connection, if one waits. It fails if that is one of another user, or if this process has no descriptor left
+    /// for it: then it waits on.
     pub(crate) fn accept(&self) -> Option<io::Result<RecordSocket>> {
         let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
         match accept_with(&self.fd, flags) {
             Ok(fd) => Some(RecordSocket::of(fd, geteuid())),
-            Err(error @ (Errno::INTR | Errno::CONNABORTED)) => Some(Err(error.into())),
-            // None waits; or this process has no descriptor left, and then nothing can be watched now.
-            Err(_) => None,
+            Err(Errno::AGAIN) => None,
+            Err(error) => Some(Err(error.into())),
         }
     }
 }

@@ -58,6 +58,7 @@ pub(super) struct Label {
     /// Whether its bytes travel in compressed blocks.
     pub(super) compress: bool,
     /// Why no bytes follow, if none do: then the shipment is lost.
+    #[serde(deserialize_with = "crate::shown::maybe")]
     pub(super) lost: Option<String>,
 }
 

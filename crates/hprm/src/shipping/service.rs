@@ -26,7 +26,7 @@ use super::records::{Ask, Destination, Told, VERSION};
 use super::routes::Routes;
 use super::{SHIPMENTS, socket_name};
 use crate::Clock;
-use crate::agent::{Place, agent_address};
+use crate::agent::{Place, Rest, agent_address};
 use crate::link::{accept_from_agent, connect_through_agent, listen_at_agent};
 use crate::records::{self, RecordListener};
 use crate::wait::{Interest, Interests, wait};
@@ -57,6 +57,7 @@ pub struct ShippingService {
     /// This machine.
     machine: String,
     listener: RecordListener,
+    rest: Rest,
     news: News,
     depots: BTreeMap<FederationId, Depot>,
     customers: BTreeMap<u64, Customer>,
@@ -96,6 +97,7 @@ impl ShippingService {
         Ok(Self {
             machine: machine.to_owned(),
             listener,
+            rest: Rest::default(),
             news: News { sender, receiver, mark },
             depots: BTreeMap::new(),
             customers: BTreeMap::new(),
@@ -152,11 +154,10 @@ impl ShippingService {
     fn wait(&self, registration: &UnixStream, looks_at: PhysicalTime) {
         let to_read = |fd| Interest { fd, write: false };
         let mut interests: Interests<'_> = Interests::new();
-        interests.extend([
-            to_read(registration.as_fd()),
-            to_read(self.listener.as_fd()),
-            to_read(self.news.mark.as_fd()),
-        ]);
+        interests.extend([to_read(registration.as_fd()), to_read(self.news.mark.as_fd())]);
+        if self.rest.until().is_none() {
+            interests.push(to_read(self.listener.as_fd()));
+        }
         let customers = self.customers.values();
         interests
             .extend(customers.map(|it| Interest { fd: it.queue.as_fd(), write: it.has_waiting() }));
@@ -164,13 +165,22 @@ impl ShippingService {
         let links = links.chain(self.incoming.values().map(Incoming::interest));
         interests.extend(links.map(|(fd, write)| Interest { fd, write }));
         let wakeups = self.outgoing.values().filter_map(Outgoing::next_wakeup);
-        wait(&interests, wakeups.chain([looks_at]).min());
+        wait(&interests, wakeups.chain([looks_at]).chain(self.rest.until()).min());
     }
 
     /// Accepts federates.
     fn admit(&mut self) {
-        while let Some(accepted) = self.listener.accept() {
-            let Ok(socket) = accepted else { continue };
+        let now = Clock::now();
+        while self.rest.is_over(now)
+            && let Some(accepted) = self.listener.accept()
+        {
+            let socket = match accepted {
+                Ok(socket) => socket,
+                Err(error) => {
+                    self.rest.begins_in_agent(&error, now);
+                    continue;
+                }
+            };
             if self.customers.len() >= CUSTOMERS {
                 continue;
             }

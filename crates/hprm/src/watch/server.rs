@@ -15,6 +15,7 @@ use super::records::{Ask, Content, Introduction, Seen, Told, encode_first};
 use super::tap::{Sample, Share, Tap};
 use super::{WATCHERS, reader, socket_name};
 use crate::Clock;
+use crate::agent::Rest;
 use crate::records::{self, RecordListener, RecordQueue, RecordSocket, SHORT, may_be_tried_again};
 use crate::wait::{Interest, Ready, Source, SourceId};
 
@@ -38,6 +39,7 @@ const TICKETS: u64 = 1 << 63;
 #[derive(Debug)]
 pub(crate) struct WatchServer {
     listener: RecordListener,
+    rest: Rest,
     id: SourceId,
     program: Arc<Program>,
     me: FederateId,
@@ -84,6 +86,7 @@ impl WatchServer {
             me,
             watchers: BTreeMap::new(),
             tap: Tap::new(capacity / SHARE_OF_STORE),
+            rest: Rest::default(),
             is_ready: true,
             next_ticket: TICKETS,
         })
@@ -93,17 +96,21 @@ impl WatchServer {
     pub(crate) fn sources(&self) -> impl Iterator<Item = Source<'_>> {
         let to_read = |fd| Interest { fd, write: false };
         let listener = Source { id: self.id, interest: to_read(self.listener.as_fd()) };
+        let listener = self.rest.until().is_none().then_some(listener);
         let watchers = self.watchers.values();
         let watchers =
             watchers.map(move |it| Source { id: it.id, interest: to_read(it.queue.as_fd()) });
-        std::iter::once(listener).chain(watchers)
+        listener.into_iter().chain(watchers)
     }
 
     /// Takes as many as there are sources, and notes whether one of them is ready.
     pub(crate) fn note(&mut self, ready: &mut impl Iterator<Item = Ready>) {
-        for ready in ready.take(1 + self.watchers.len()) {
+        let listens = self.rest.until().is_none();
+        for ready in ready.take(usize::from(listens) + self.watchers.len()) {
             self.is_ready |= ready.is_ready();
         }
+        // No wait ends for that: watchers may wait for as long as the federate does.
+        self.is_ready |= !listens && self.rest.is_over(Clock::local());
     }
 
     /// Whether no channel is watched.
@@ -126,7 +133,7 @@ impl WatchServer {
     /// Accepts watchers, and does what they ask for.
     pub(crate) fn serve(&mut self, store: &mut Store) {
         // If there are more connections than that, some of them are of another user, and must not keep the loop busy.
-        let accepted: Vec<_> = (0..ACCEPTS).map_while(|_| self.listener.accept()).collect();
+        let accepted: Vec<_> = (0..ACCEPTS).map_while(|_| self.accept()).collect();
         self.is_ready = accepted.len() == ACCEPTS;
         accepted.into_iter().flatten().for_each(|socket| self.admit(socket));
         let watchers: Vec<u16> = self.watchers.keys().copied().collect();
@@ -135,6 +142,13 @@ impl WatchServer {
                 self.remove(watcher, store);
             }
         }
+    }
+
+    /// The next connection, if one waits and there is a descriptor for it.
+    fn accept(&mut self) -> Option<io::Result<RecordSocket>> {
+        let accepted = self.listener.accept()?;
+        let rests = |error| self.rest.begins_after(error, Clock::local());
+        (!accepted.as_ref().is_err_and(rests)).then_some(accepted)
     }
 
     /// Introduces this federate to a watcher. One that cannot be told now, at first, is none.
