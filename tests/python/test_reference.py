@@ -209,6 +209,7 @@ def test_a_limit_is_that_of_the_code(row: list[str]) -> None:
 NOT_STATED = {
     "hprm-core/src/fingerprint.rs": "what is told of programs that differ",
     "hprm-core/src/tag_map.rs": "memory that is kept for later",
+    "hprm-lf/src/parser/meant.rs": "what a hint repeats",
     "hprm-model/src/explanation.rs": "what a message offers",
     "hprm-model/src/lower.rs": "what a message shows",
     "hprm-model/src/python.rs": "how a program is read that is cut off",
