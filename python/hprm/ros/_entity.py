@@ -12,10 +12,31 @@ from hprm.ros.callback_groups import CallbackGroup
 if TYPE_CHECKING:
     from hprm.ros.node import Node
 
-E = TypeVar("E", bound="Entity")
+D = TypeVar("D", bound="Destroyable")
 
 
-class Entity:
+class Destroyable:
+    """Something that is destroyed where a ``with`` statement ends."""
+
+    def destroy(self) -> None:
+        """Destroy it; again is no error."""
+        raise NotImplementedError
+
+    def __enter__(self: D) -> D:
+        """Return it."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Destroy it."""
+        self.destroy()
+
+
+class Entity(Destroyable):
     """Something of a node with callbacks, and what waits for them."""
 
     #: In which order the kinds of entities of a node are looked at.
@@ -40,19 +61,6 @@ class Entity:
         """Have no callbacks any more, and count as gone; again is no error."""
         self._destroyed = True
         self._node._withdraw(self)
-
-    def __enter__(self: E) -> E:
-        """Return the entity."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Destroy it."""
-        self.destroy()
 
 
 class Queue:

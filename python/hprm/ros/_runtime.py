@@ -19,7 +19,7 @@ import threading
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -522,7 +522,7 @@ class Runtime:
         if process.elapsed():
             # One that may come back has begun later than others, or again.
             for flow, taker in self.keeping.first:
-                self._ask_for_kept(flow, taker, {it.name for it in membership.graph.scripts}, {})
+                self._ask_for_kept(flow, taker, {})
         self._do_requests()
         self._finish()
 
@@ -584,8 +584,7 @@ class Runtime:
             self._waits_to_begin = False
             self.keeping.deliver_early(membership)
             for flow, taker in self.keeping.first:
-                others = {it.name for it in membership.graph.scripts}
-                self._ask_for_kept(flow, taker, others - self._linked(flow), {})
+                self._ask_for_kept(flow, taker, {}, self._linked(flow))
             self._do_requests()
             self._finish()
 
@@ -678,18 +677,22 @@ class Runtime:
         kept = self.keeping.of(flow, self.now())
         taker.deliver_before([message for message in kept if id(message) not in coming])
         taken = self.keeping.taken(flow, membership)
-        self._ask_for_kept(flow, taker, {it.name for it in membership.graph.scripts}, taken)
+        self._ask_for_kept(flow, taker, taken)
 
     def _ask_for_kept(
-        self, flow: Flow, taker: LateTaker, names: set[str], taken: dict[str, int]
+        self,
+        flow: Flow,
+        taker: LateTaker,
+        taken: dict[str, int],
+        but: Collection[str] = (),
     ) -> None:
-        """Ask scripts, by their names, for what they have kept, up to what was taken of them."""
+        """Ask other scripts, but some, for what they have kept, up to what was taken of them."""
         membership = self._membership
         assert membership is not None
         if membership.joining is None:
             return
         scripts = [it.name for it in membership.graph.scripts]
-        found = durable_scripts(flow, membership, self._late.of_scripts()) & names
+        found = durable_scripts(flow, membership, self._late.of_scripts()).difference(but)
         if not found:
             return
         number = self.keeping.ask(taker, found)

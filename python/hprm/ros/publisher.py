@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from hprm.ros._entity import Destroyable
 from hprm.ros._graph import Flow
 from hprm.ros._interface import copy_of
 from hprm.ros._keeping import Kept
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 MsgT = TypeVar("MsgT")
 
 
-class Publisher(Generic[MsgT]):
+class Publisher(Destroyable, Generic[MsgT]):
     """Sends messages to all subscriptions of a topic."""
 
     def __init__(
@@ -93,16 +93,3 @@ class Publisher(Generic[MsgT]):
         self._node._withdraw(self)
         for handler in self.event_handlers:
             self._node._destroy(handler)
-
-    def __enter__(self) -> Publisher[MsgT]:
-        """Return the publisher."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Destroy it."""
-        self.destroy()

@@ -14,6 +14,8 @@
 //! To one to which it has sent a message, it sends its posting without being asked, once it is beyond that message: what waits for
 //! the message waits for this. And a federate that gets postings for which it does not wait says so, once.
 
+use std::cell::OnceCell;
+
 use hprm_core::{FederateId, Tag};
 
 use crate::boards::Boards;
@@ -117,22 +119,21 @@ impl Elsewhere {
         boards: &Boards,
         topology: &Topology,
     ) -> Vec<(FederateId, Posting)> {
-        let Self { others, shown, waits, .. } = self;
-        let Some(shown) = shown.as_ref() else { return Vec::new() };
-        let needs = |other: &Other| other.needs(shown, boards);
-        let is_beyond = others.iter().any(needs).then(|| boards.caused_from(shown.next, topology));
-        let arrives = |federate| is_beyond.as_ref().map_or(Step::NEVER, |it| it[federate]);
-        let due = |other: &Other| {
-            needs(other) && (shown.departs || arrives(other.federate) > other.wanted(boards))
-        };
+        let Self { others, shown, waits } = self;
+        let Some(shown) = shown else { return Vec::new() };
+        let arrivals = OnceCell::new();
         let mut postings = Vec::new();
         for other in others {
-            if due(other) || other.is_misinformed(*waits) {
-                other.told = true;
-                other.asked = *waits;
-                if arrives(other.federate) > Step::end(other.owed) {
+            let is_beyond = |step: Step| {
+                let arrivals = arrivals.get_or_init(|| boards.caused_from(shown.next, topology));
+                arrivals[other.federate] > step
+            };
+            let is_of_use = || shown.departs || other.wanted(boards).is_some_and(is_beyond);
+            if other.follows && !other.told && is_of_use() || other.is_misinformed(*waits) {
+                if other.owed > Tag::NEVER && is_beyond(Step::end(other.owed)) {
                     other.owed = Tag::NEVER;
                 }
+                (other.told, other.asked) = (true, *waits);
                 postings.push((other.federate, Posting { waits: *waits, ..shown.clone() }));
             }
         }
@@ -146,16 +147,10 @@ impl Elsewhere {
 }
 
 impl Other {
-    /// Whether it may wait for what is shown now.
-    fn needs(&self, shown: &Posting, boards: &Boards) -> bool {
-        let wants = self.wanted(boards) < Step::FOREVER || shown.departs;
-        self.follows && !self.told && wants
-    }
-
-    /// Beyond which step this federate has to be before its posting is of use; `FOREVER` if it is of none.
-    fn wanted(&self, boards: &Boards) -> Step {
+    /// Beyond which step this federate has to be before its posting is of use, if it can be.
+    fn wanted(&self, boards: &Boards) -> Option<Step> {
         let owed = (self.owed > Tag::NEVER).then(|| Step::end(self.owed));
-        boards.awaited_by(self.federate).into_iter().chain(owed).min().unwrap_or(Step::FOREVER)
+        boards.awaited_by(self.federate).into_iter().chain(owed).min()
     }
 
     /// Whether it takes this federate for one that waits for another step, or for one that waits.

@@ -114,10 +114,10 @@ impl Federate {
 
     /// A federate elsewhere shows something new.
     pub(super) fn take_posting(&mut self, from: FederateId, posting: Posting) -> Result<(), Fault> {
-        match self.showing.as_mut().is_some_and(|showing| showing.elsewhere.came(from)) {
-            true => self.read_board(from, posting),
-            false => return Err(Fault::Unexpected { frame: "Posting" }),
+        if !self.showing.as_mut().is_some_and(|showing| showing.elsewhere.came(from)) {
+            return Err(Fault::Unexpected { frame: "Posting" });
         }
+        self.read_board(from, posting);
         Ok(())
     }
 
