@@ -21,7 +21,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 # The tests of agents have the networks.
-sys.path.insert(0, str(ROOT / "tests" / "agents"))
+sys.path[:0] = [str(ROOT / "tests" / folder) for folder in ("agents", "python")]
 
 from machines import AGENT, HPRM  # noqa: E402
 from networks import HUB, Fleet  # noqa: E402

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from machines import Machines
 from networks import Fleet
-
-# What reads traces belongs to other tests.
-sys.path.append(str(Path(__file__).resolve().parents[1] / "python"))
 
 
 @pytest.fixture

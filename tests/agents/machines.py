@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import zenoh
+from tcp_ports import free_ports
 
 ROOT = Path(__file__).resolve().parents[2]
 AGENT = os.environ.get("HPRM_AGENT_PROGRAM", str(ROOT / "out" / "agent" / "release" / "hprm-agent"))
@@ -72,15 +73,6 @@ TRIES = re.compile(r"(\[\w+\] )?trying again to reach the federate at agent:.*\n
 
 #: How many times connections are cut at random; more of them on demand.
 CUTS = int(os.environ.get("HPRM_TEST_CUTS", "3"))
-
-
-def free_ports(count: int) -> list[int]:
-    """Ports of this machine at which nothing listens."""
-    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
-    ports = [listener.getsockname()[1] for listener in sockets]
-    for listener in sockets:
-        listener.close()
-    return ports
 
 
 def until(holds: Callable[[], bool], within: float = 60) -> None:

@@ -12,7 +12,8 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from machines import AGENT, Machines, free_ports
+from machines import AGENT, Machines
+from tcp_ports import free_ports
 
 HUB = "hub"
 PORT = 7650

@@ -24,9 +24,9 @@ from machines import (
     Machines,
     alone,
     finish,
-    free_ports,
     reactions,
 )
+from tcp_ports import free_ports
 
 COORDINATIONS = ["centralized", "decentralized"]
 LONG = PROGRAM.replace("timeout: 200 msec", "timeout: 3 sec")

@@ -23,11 +23,11 @@ from machines import (
     Machines,
     alone,
     finish,
-    free_ports,
     listens_at,
     reactions,
     until,
 )
+from tcp_ports import free_ports
 
 LONG = PROGRAM.replace("timeout: 200 msec", "timeout: 3 sec")
 ENDLESS = PROGRAM.replace("timeout: 200 msec", "timeout: 1000 sec")

@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 from groups import Groups, open_groups
-from machines import AGENT, HPRM, Machines, finish, free_ports, until
+from machines import AGENT, HPRM, Machines, finish, until
+from tcp_ports import free_ports
 from test_programs import nothing_is_left
 
 OPTIONS = ["--fleet-keys", "keys", "--allow-root"]

@@ -17,11 +17,11 @@ from machines import (
     Machines,
     alone,
     finish,
-    free_ports,
     listens_at,
     reactions,
     until,
 )
+from tcp_ports import free_ports
 from test_enrolment import enrolled, start
 
 pytestmark = pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is missing")

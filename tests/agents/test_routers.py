@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from machines import AGENT, PLACES, PROGRAM, alone, finish, free_ports, reactions, until
+from machines import AGENT, PLACES, PROGRAM, alone, finish, reactions, until
 from networks import HUB, Fleet
+from tcp_ports import free_ports
 from test_agents import COORDINATIONS, ENDLESS, LONG, certify, check, running
 from test_programs import belongs, left, nothing_is_left, run
 

@@ -12,10 +12,11 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from machines import HPRM, PROGRAM, Machines, finish, free_ports, listens_at, until
+from machines import HPRM, PROGRAM, Machines, finish, listens_at, until
 from perfetto.protos.perfetto.trace.perfetto_trace_pb2 import Trace
 from perfetto_trace import Slice, arrows, read
 from processes import rust_examples
+from tcp_ports import free_ports
 from test_programs import AT, COORDINATIONS, ENDLESS, belongs, left, nothing_is_left, run, start
 
 TRACE = ["--trace", "run.pftrace"]

@@ -6,7 +6,6 @@ import os
 import re
 import select
 import shutil
-import socket
 import subprocess
 import sys
 import time
@@ -192,15 +191,6 @@ def rust_examples() -> Path:
     built = ["cargo", "build", "--quiet", "--offline", *packages, "--examples"]
     subprocess.run(built, cwd=ROOT, check=True, timeout=600)
     return Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "debug" / "examples"
-
-
-def free_ports(count: int) -> list[int]:
-    """Ports that no process uses at the moment, and that the kernel gives to no process soon."""
-    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
-    ports = [listener.getsockname()[1] for listener in sockets]
-    for listener in sockets:
-        listener.close()
-    return ports
 
 
 def listens(address: str) -> bool:

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import pytest
 from conftest import Spawn
-from processes import Bench, finish, free_ports, hear
+from processes import Bench, finish, hear
 from stories import blocks, commands
+from tcp_ports import free_ports
 
 PAGE = Path(__file__).parents[2] / "docs" / "howto" / "deployment.md"
 BLOCKS = [

@@ -10,9 +10,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from processes import free_ports, rust_examples
+from processes import rust_examples
 from readme import Command, Terminals, readmes
 from stories import same
+from tcp_ports import free_ports
 
 BIN = Path(sys.executable).parent
 READMES = readmes()

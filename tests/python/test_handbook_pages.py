@@ -10,8 +10,8 @@ import uuid
 from pathlib import Path
 
 import pytest
-from processes import free_ports
 from stories import ROOT, Block, Story, blocks, same
+from tcp_ports import free_ports
 
 DOCS = ROOT / "docs"
 PAGES = sorted(page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md"))

@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 import zenoh.ext
-from processes import ROOT, Bench, finish, free_ports, hear
+from processes import ROOT, Bench, finish, hear
+from tcp_ports import free_ports
 from zenoh_peer import (
     ADD,
     GID,

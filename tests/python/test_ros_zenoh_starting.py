@@ -7,7 +7,8 @@ import socket
 from pathlib import Path
 
 import pytest
-from processes import ROOT, Bench, finish, free_ports, hear
+from processes import ROOT, Bench, finish, hear
+from tcp_ports import free_ports
 from zenoh_peer import STRING, TEN, Peer, beside, text
 
 SCRIPTS = ROOT / "tests" / "ros2"

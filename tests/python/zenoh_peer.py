@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 import zenoh
-from processes import free_ports
+from tcp_ports import free_ports
 
 STRING = (
     "std_msgs::msg::dds_::String_/"

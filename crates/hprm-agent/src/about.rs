@@ -6,6 +6,7 @@
 //!
 //! Nothing here has a part in what federations do. It runs on threads of its own, so that links do not wait for it.
 
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::os::unix::net::UnixStream;
 use std::sync::mpsc::channel;
@@ -20,7 +21,7 @@ use serde::{Deserialize, Serialize};
 use zenoh::Wait;
 use zenoh::query::Queryable;
 
-use crate::carrier::{AgentId, ROOT};
+use crate::carrier::{AgentId, ROOT, asking};
 use crate::credentials::lifetime_of;
 use crate::local::answer;
 use crate::options::Options;
@@ -114,7 +115,7 @@ pub(crate) fn declare(
         let (here, replies) = (Arc::clone(here), replies.clone());
         let declared = session.declare_queryable(key).callback(move |query| {
             let here = Arc::clone(&here);
-            replies.give(move || {
+            replies.give(query, move |query| {
                 let reply = Reply { about: here.about(), clock: Clock::of_new_processes().0 };
                 let reply = serde_json::to_vec(&reply).expect("it has texts and numbers only");
                 // If it does not arrive, the other agent does not wait for ever.
@@ -164,6 +165,7 @@ fn gather(session: &zenoh::Session, others: &[Reached]) -> Vec<Machine> {
     let mut machines: Vec<_> = others.iter().map(unknown).collect();
     for round in 0..ROUNDS {
         let (answers_in, answers) = channel();
+        let mut waiting = BTreeSet::new();
         for (number, Reached { agent, router }) in others.iter().enumerate() {
             if round > 0 && machines[number].about.is_none() {
                 // It has not answered, and does not hold up the others again.
@@ -172,8 +174,8 @@ fn gather(session: &zenoh::Session, others: &[Reached]) -> Vec<Machine> {
             let answers = answers_in.clone();
             // What programs have that start now: the time of either machine may have been set since its agent has started.
             let (sent, began) = (Clock::of_new_processes().0, Clock::local());
-            let asked = session
-                .get(router::key(router.as_deref(), &format!("about/{agent}")))
+            let key = router::key(router.as_deref(), &format!("about/{agent}"));
+            let asked = asking(session, key)
                 .timeout(ANSWER)
                 .callback(move |reply| {
                     let answered = sent.saturating_add(Clock::local().since(began));
@@ -189,10 +191,14 @@ fn gather(session: &zenoh::Session, others: &[Reached]) -> Vec<Machine> {
                 })
                 .wait();
             // If it fails, there is no answer.
-            drop(asked);
+            waiting.extend(asked.is_ok().then_some(number));
         }
         drop(answers_in);
-        for (number, about, reading) in answers {
+        // It ends when all have answered, or nothing waits for an answer any more.
+        while !waiting.is_empty()
+            && let Ok((number, about, reading)) = answers.recv()
+        {
+            waiting.remove(&number);
             let machine = &mut machines[number];
             machine.about = Some(about);
             let best = machine.clock.filter(|best| best.bound <= reading.bound);

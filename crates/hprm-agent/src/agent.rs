@@ -196,7 +196,7 @@ impl Agent {
             let now = Clock::local();
             match event {
                 Event::Packet { link, packet } => self.packet(now, &link, packet),
-                Event::Opening(opening) => self.open_here(now, &opening),
+                Event::Opening(opening) => self.open_here(now, opening),
                 Event::Opened { link, answer } => self.opened(now, &link, answer),
                 Event::Agent { agent, is_there } => self.other(now, agent, is_there),
                 Event::Route { router, agent, is_there } => {
@@ -226,12 +226,10 @@ impl Agent {
     }
 
     /// Another machine opens a link to a listener here.
-    fn open_here(&mut self, now: PhysicalTime, opening: &Opening) {
+    fn open_here(&mut self, now: PhysicalTime, opening: Opening) {
         let done = self.accept(now, &opening.link, &opening.name);
-        opening.answer(&match done {
-            Ok(()) => Answer::Done(self.me.machine.clone()),
-            Err(answer) => answer,
-        });
+        let answer = done.err().unwrap_or_else(|| Answer::Done(self.me.machine.clone()));
+        self.carrier.answer(opening, answer);
     }
 
     fn accept(&mut self, now: PhysicalTime, id: &LinkId, name: &str) -> Result<(), Answer> {

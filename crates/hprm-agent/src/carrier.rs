@@ -29,12 +29,14 @@ use hprm_federated::relay::FRAME_LIMIT;
 use rustix::event::{EventfdFlags, eventfd};
 use serde::{Deserialize, Serialize};
 use zenoh::Wait;
+use zenoh::handlers::DefaultHandler;
 use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
-use zenoh::qos::CongestionControl;
+use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{Query, Queryable};
 use zenoh::sample::SampleKind;
+use zenoh::session::SessionGetBuilder;
 
 use crate::Failure;
 use crate::about::{self, Here};
@@ -122,6 +124,7 @@ pub(crate) struct Carrier {
     packets: Receiver<Event>,
     events: Receiver<Event>,
     here: Arc<Here>,
+    replies: Replies,
     router: Option<Router>,
     _declared: Declared,
     _about: [Queryable<()>; 2],
@@ -195,6 +198,7 @@ impl Carrier {
             packets,
             events,
             here,
+            replies,
             router,
             _declared: declared,
             _about: about,
@@ -252,9 +256,8 @@ impl Carrier {
         let absent = format!("the agent of {} does not answer", agent.machine);
         let mut asked =
             Asked { inbox, link: link.clone(), otherwise: Some(Answer::Absent(absent)) };
-        let got = self
-            .session
-            .get(router::key(router.as_deref(), &format!("open/{agent}/{}", self.me)))
+        let key = router::key(router.as_deref(), &format!("open/{agent}/{}", self.me));
+        let got = asking(&self.session, key)
             .payload(payload)
             .timeout(OPENING)
             .callback_mut(move |reply| {
@@ -266,6 +269,14 @@ impl Carrier {
             .wait();
         // If it fails, the callback is gone, which is an answer.
         drop(got);
+    }
+
+    /// Answers an agent that wants to open a link.
+    pub(crate) fn answer(&self, opening: Opening, answer: Answer) {
+        self.replies.give(opening.query, move |query| {
+            // If it does not arrive, the other agent does not wait for ever.
+            let _ = query.reply(query.key_expr().clone(), answer.to_string()).wait();
+        });
     }
 
     /// Says whether this agent reaches another one, to those that it leads to it, if it is a router.
@@ -318,12 +329,12 @@ impl Way {
     }
 }
 
-impl Opening {
-    /// Answers the agent that asks.
-    pub(crate) fn answer(&self, answer: &Answer) {
-        // If it does not arrive, the other agent does not wait for ever.
-        let _ = self.query.reply(self.query.key_expr().clone(), answer.to_string()).wait();
-    }
+/// A query to other agents. It does not wait behind packets of links, and neither does its answer.
+pub(crate) fn asking<'a>(
+    session: &'a zenoh::Session,
+    key: String,
+) -> SessionGetBuilder<'a, 'a, DefaultHandler> {
+    session.get(key).priority(Priority::InteractiveHigh)
 }
 
 /// An answer that comes, or does not; then another one is taken for it.

@@ -19,6 +19,7 @@ use zenoh::query::{ConsolidationMode, QueryTarget, Queryable};
 
 use crate::Failure;
 use crate::access::ROSTER;
+use crate::carrier::asking;
 use crate::credentials::{Certificate, Credentials};
 use crate::renewal::Rounds;
 use crate::replies::Replies;
@@ -165,7 +166,7 @@ pub(crate) fn declare(
                 tell(News::IsOld);
             }
             let text = (theirs < number).then(|| text.clone());
-            replies.give(move || {
+            replies.give(query, move |query| {
                 // If it does not arrive, the other agent asks again.
                 drop(text.map(|text| query.reply(ROSTER, text).wait()));
             });
@@ -180,8 +181,7 @@ pub(crate) fn ask(
     tell: impl Fn(News) + Send + Sync + 'static,
 ) {
     let known = credentials.clone();
-    let asked = session
-        .get(format!("{ROSTER}?{}", credentials.roster().number))
+    let asked = asking(session, format!("{ROSTER}?{}", credentials.roster().number))
         .target(QueryTarget::All)
         .consolidation(ConsolidationMode::None)
         .timeout(ANSWER)

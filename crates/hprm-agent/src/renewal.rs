@@ -19,7 +19,7 @@ use hprm_core::{Nanos, PhysicalTime};
 use zenoh::Wait;
 use zenoh::query::{ConsolidationMode, QueryTarget, Queryable};
 
-use crate::carrier::{AgentId, ROOT};
+use crate::carrier::{AgentId, ROOT, asking};
 use crate::credentials::{self, BUNDLE_LIMIT, Certificate, Credentials, Lifetime, Notice};
 use crate::replies::Replies;
 
@@ -76,7 +76,7 @@ pub(crate) fn declare(
     let key = format!("{ROOT}/certificates/{me}");
     let declared = session.declare_queryable(key).callback(move |query| {
         let credentials = credentials.clone();
-        replies.give(move || {
+        replies.give(query, move |query| {
             if let Some(text) = credentials.certificates_beside(query.parameters().as_str()) {
                 // If it does not arrive, the other agent asks again.
                 let _ = query.reply(query.key_expr().clone(), text).wait();
@@ -94,8 +94,7 @@ pub(crate) fn ask(
     tell: impl Fn(Vec<Certificate>) + Send + Sync + 'static,
 ) {
     let (known, is_answered) = (credentials.clone(), AtomicBool::new(false));
-    let asked = session
-        .get(format!("{ROOT}/certificates/{partner}?{}", known.digest()))
+    let asked = asking(session, format!("{ROOT}/certificates/{partner}?{}", known.digest()))
         .target(QueryTarget::All)
         .consolidation(ConsolidationMode::None)
         .timeout(ANSWER)

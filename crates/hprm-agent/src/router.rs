@@ -27,7 +27,7 @@ use zenoh::pubsub::Subscriber;
 use zenoh::qos::CongestionControl;
 use zenoh::query::{Query, Queryable};
 
-use crate::carrier::{AgentId, OPENING, PACKET_LIMIT, PACKETS, ROOT};
+use crate::carrier::{AgentId, OPENING, PACKET_LIMIT, PACKETS, ROOT, asking};
 use crate::replies::Replies;
 
 /// How many queries may wait for their answers; more are dropped.
@@ -146,8 +146,8 @@ fn ask(session: &zenoh::Session, query: Query, waiting: &Arc<AtomicUsize>, repli
     let Some(key) = onward(query.key_expr().as_str()) else { return };
     let Some(place) = Place::take(waiting) else { return };
     let text = query.payload().filter(|text| text.len() <= PACKET_LIMIT).cloned();
-    let asked = session.get(key).payload(text.unwrap_or_default()).timeout(OPENING);
-    let mut asked_for = AskedFor { query: Some(query), replies, _place: place };
+    let asked = asking(session, key).payload(text.unwrap_or_default()).timeout(OPENING);
+    let mut asked_for = AskedFor { query: Some(query), replies, place: Some(place) };
     let asked = asked.callback_mut(move |reply| {
         if let Ok(sample) = reply.result()
             && sample.payload().len() <= PACKET_LIMIT
@@ -163,14 +163,15 @@ fn ask(session: &zenoh::Session, query: Query, waiting: &Arc<AtomicUsize>, repli
 struct AskedFor {
     query: Option<Query>,
     replies: Replies,
-    _place: Place,
+    place: Option<Place>,
 }
 
 impl AskedFor {
     /// Answers it, or says that there is no answer.
     fn answer(&mut self, payload: Option<ZBytes>) {
         let Some(query) = self.query.take() else { return };
-        self.replies.give(move || {
+        self.place = None;
+        self.replies.give(query, move |query| {
             let key = query.key_expr().clone();
             // If it does not arrive, the one that asks does not wait for ever.
             drop(payload.map(|payload| query.reply(key, payload).wait()));
