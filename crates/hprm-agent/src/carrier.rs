@@ -34,7 +34,7 @@ use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 use zenoh::qos::{CongestionControl, Priority};
-use zenoh::query::{Query, Queryable};
+use zenoh::query::{ConsolidationMode, Query, Queryable};
 use zenoh::sample::SampleKind;
 use zenoh::session::SessionGetBuilder;
 
@@ -329,12 +329,13 @@ impl Way {
     }
 }
 
-/// A query to other agents. It does not wait behind packets of links, and neither does its answer.
+/// A query to other agents. It does not wait behind packets of links, and neither does its answer, which
+/// counts as soon as it comes: Zenoh may learn much later that no other one follows (`replies.rs`).
 pub(crate) fn asking<'a>(
     session: &'a zenoh::Session,
     key: String,
 ) -> SessionGetBuilder<'a, 'a, DefaultHandler> {
-    session.get(key).priority(Priority::InteractiveHigh)
+    session.get(key).priority(Priority::InteractiveHigh).consolidation(ConsolidationMode::None)
 }
 
 /// An answer that comes, or does not; then another one is taken for it.

@@ -15,7 +15,7 @@ use hprm_core::{Nanos, PhysicalTime};
 use rustix::fs::inotify::{CreateFlags, WatchFlags, add_watch, init};
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
-use zenoh::query::{ConsolidationMode, QueryTarget, Queryable};
+use zenoh::query::{QueryTarget, Queryable};
 
 use crate::Failure;
 use crate::access::ROSTER;
@@ -183,7 +183,6 @@ pub(crate) fn ask(
     let known = credentials.clone();
     let asked = asking(session, format!("{ROSTER}?{}", credentials.roster().number))
         .target(QueryTarget::All)
-        .consolidation(ConsolidationMode::None)
         .timeout(ANSWER)
         .callback(move |reply| {
             let Ok(sample) = reply.result() else { return };

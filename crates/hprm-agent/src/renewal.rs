@@ -17,7 +17,7 @@ use std::time::Duration;
 use hprm::random_bytes;
 use hprm_core::{Nanos, PhysicalTime};
 use zenoh::Wait;
-use zenoh::query::{ConsolidationMode, QueryTarget, Queryable};
+use zenoh::query::{QueryTarget, Queryable};
 
 use crate::carrier::{AgentId, ROOT, asking};
 use crate::credentials::{self, BUNDLE_LIMIT, Certificate, Credentials, Lifetime, Notice};
@@ -96,7 +96,6 @@ pub(crate) fn ask(
     let (known, is_answered) = (credentials.clone(), AtomicBool::new(false));
     let asked = asking(session, format!("{ROOT}/certificates/{partner}?{}", known.digest()))
         .target(QueryTarget::All)
-        .consolidation(ConsolidationMode::None)
         .timeout(ANSWER)
         .callback(move |reply| {
             let Ok(sample) = reply.result() else { return };
