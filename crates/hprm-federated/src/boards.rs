@@ -14,12 +14,15 @@
 //! for the cause; in the second, the bound for unread messages does. Steps increase along the way, so it ends.
 //!
 //! So nothing depends on the order in which memory is written: a message may reach its receiver before or after the
-//! board that counts it. How boards get from one process to another is up to the driver.
+//! board that counts it. What transient federates make of that is in `lives`. How boards get from one process to another is up to the driver.
 
 use hprm_core::{ChannelId, FederateId, Table, Tag};
 use serde::{Deserialize, Serialize};
 
 use crate::{Step, Topology};
+use lives::Lives;
+
+mod lives;
 
 /// How many messages one end of a channel has counted, and the tag of the last one.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
@@ -28,6 +31,9 @@ pub struct Tally {
     pub messages: u64,
     /// The tag of the last one; `NEVER` if there was none.
     pub latest: Tag,
+    /// Which process at the other end they were for, or of, if that is a transient federate: the later it has joined, the
+    /// greater; zero for none yet.
+    pub life: u32,
 }
 
 /// How many federates coordinate themselves by boards at most: each has a descriptor for the board of every other one, and
@@ -93,6 +99,8 @@ struct Line {
     received: usize,
     /// The level before which the receiver has to know its messages, as in [`Edge::shift`](crate::Edge::shift).
     level: u32,
+    /// Whether its receiver has joined after its sender had died, and gets nothing of it.
+    void: bool,
 }
 
 /// See the module.
@@ -106,6 +114,8 @@ pub(crate) struct Boards {
     leading_from: Table<FederateId, Vec<FederateId>>,
     /// Where the tally of a channel is on this federate's own board.
     own: Vec<(ChannelId, usize)>,
+    /// What is known of the processes that are transient federates.
+    lives: Lives,
     postings: Table<FederateId, Posting>,
     /// The step of the earliest message to each federate that its sender has counted, and the federate has not.
     unread: Table<FederateId, Step>,
@@ -125,10 +135,12 @@ pub(crate) struct Boards {
     counted: bool,
     /// How many it has counted since [`Self::show`]: none, one or several.
     unshown: u8,
+    /// How many postings are of use to all downstream, of this federate's last one and the next: none, one, or both.
+    wakes_all: u8,
 }
 
 impl Tally {
-    const NONE: Self = Self { messages: 0, latest: Tag::NEVER };
+    const NONE: Self = Self { messages: 0, latest: Tag::NEVER, life: 0 };
 }
 
 impl Posting {
@@ -166,7 +178,7 @@ impl Boards {
             if !leading_from[from].contains(&to) {
                 leading_from[from].push(to);
             }
-            lines.push(Line { from, to, sent, received, level });
+            lines.push(Line { from, to, sent, received, level, void: false });
         }
         let downstream: Vec<_> = topology.reachable(me).into_iter().collect();
         Self {
@@ -175,6 +187,7 @@ impl Boards {
             leading_to,
             leading_from,
             own,
+            lives: Lives::new(federates),
             postings: counts.values().map(|count| Posting::new(*count)).collect(),
             unread: Table::filled(federates, Step::FOREVER),
             stop: topology.timeout(),
@@ -185,14 +198,13 @@ impl Boards {
             known: None,
             counted: false,
             unshown: 0,
+            wakes_all: 0,
         }
     }
 
-    /// The boards of the others are in another memory than that of this federate.
-    #[must_use]
-    pub(crate) fn with_elsewhere(mut self, others: impl Iterator<Item = FederateId>) -> Self {
-        others.for_each(|other| self.near[other] = false);
-        self
+    /// Whether the board of a federate is in memory that this one shares.
+    pub(crate) fn is_near(&mut self, federate: FederateId, is_near: bool) {
+        self.near[federate] = is_near;
     }
 
     /// What this federate shows.
@@ -231,7 +243,8 @@ impl Boards {
     fn count(&mut self, at: usize, channel: ChannelId, tag: Tag) {
         let Some((_, at)) = self.own.get(at).filter(|(id, _)| *id == channel) else { return };
         let tally = &mut self.postings[self.me].tallies[*at];
-        *tally = Tally { messages: tally.messages + 1, latest: tally.latest.max(tag) };
+        let messages = tally.messages.saturating_add(1);
+        *tally = Tally { messages, latest: tally.latest.max(tag), ..*tally };
         self.counted = true;
         self.unshown = (self.unshown + 1).min(2);
     }
@@ -258,6 +271,7 @@ impl Boards {
     /// inputs through a step.
     pub(crate) fn show(&mut self, waits: Step) -> Posting {
         self.unshown = 0;
+        self.wakes_all = self.wakes_all.saturating_sub(1);
         self.postings[self.me].waits = waits;
         self.own().clone()
     }
@@ -296,18 +310,19 @@ impl Boards {
 
     /// For which step a federate shows that it waits, if it does.
     pub(crate) fn awaited_by(&self, federate: FederateId) -> Option<Step> {
-        let Posting { waits, ended, .. } = self.postings[federate];
-        (waits > Step::NEVER && !ended).then_some(waits)
+        let waits = self.postings[federate].waits;
+        (waits > Step::NEVER && !self.has_ended(federate)).then_some(waits)
     }
 
     /// The federates that share memory with this one and wait, and need not wait any more because of what this
-    /// federate shows. What it knows of boards elsewhere may be old, so it takes those federates for ones that send
+    /// federate shows; all, if one may join or go on because this federate has read all of one that was killed. What it knows of boards elsewhere may be old, so it takes those federates for ones that send
     /// nothing: one that is woken up too early waits again.
     pub(crate) fn released(&self, topology: &Topology) -> Vec<FederateId> {
-        let is_waiting =
-            |other: &FederateId| self.near[*other] && self.awaited_by(*other).is_some();
+        let is_waiting = |other: &FederateId| {
+            self.near[*other] && (self.wakes_all > 0 || self.awaited_by(*other).is_some())
+        };
         let mut waiting: Vec<_> = self.downstream.iter().copied().filter(is_waiting).collect();
-        if !waiting.is_empty() {
+        if !waiting.is_empty() && self.wakes_all == 0 {
             let source =
                 |from| if self.near[from] { self.spontaneous(from) } else { Step::FOREVER };
             let arrivals = self.arrivals(topology, &self.around, source);
@@ -344,7 +359,7 @@ impl Boards {
         let mut settled = false;
         while !settled {
             settled = true;
-            for from in of.iter().copied().filter(|from| !self.postings[*from].ended) {
+            for from in of.iter().copied().filter(|from| !self.has_ended(*from)) {
                 let earliest = source(from).min(arrivals[from]);
                 for edge in topology.downstream(from) {
                     let arrival = edge.shift(earliest);
@@ -375,22 +390,24 @@ impl Boards {
                 self.count_unread(reader);
             }
         }
+        self.bury();
     }
 
     /// What a federate that has ended has not read, it never will.
     fn count_unread(&mut self, federate: FederateId) {
         let lines = self.leading_to[federate].iter().map(|at| self.lines[*at]);
-        let unread = match self.postings[federate].ended {
+        let unread = match self.has_ended(federate) {
             true => None,
             false => lines.filter_map(|line| self.unread_on(line)).min(),
         };
-        self.unread[federate] = unread.unwrap_or(Step::FOREVER);
+        let first = Step::begin(self.lives.first[federate]);
+        self.unread[federate] = unread.map_or(Step::FOREVER, |unread| unread.max(first));
     }
 
     fn unread_on(&self, line: Line) -> Option<Step> {
-        let sent = self.postings[line.from].tallies[line.sent];
-        let received = self.postings[line.to].tallies[line.received];
-        if sent.messages <= received.messages {
+        let sent = self.counted_by(line.from, line.sent, line.to);
+        let received = self.counted_by(line.to, line.received, line.from);
+        if sent.messages <= received.messages || self.has_met_a_successor(line) {
             return None;
         }
         // Tags on a channel increase. Of several unread messages only the tag of the last one is known.

@@ -431,8 +431,8 @@ mod tests {
     }
 
     fn posting() -> impl Strategy<Value = Frame> {
-        let tally = (any::<u64>(), tag());
-        let tally = tally.prop_map(|(messages, latest)| Tally { messages, latest });
+        let tally = (any::<u64>(), tag(), any::<u32>());
+        let tally = tally.prop_map(|(messages, latest, life)| Tally { messages, latest, life });
         let parts = (step(), step(), any::<(bool, bool)>(), prop::collection::vec(tally, 0..4));
         parts.prop_map(|(next, waits, (departs, ended), tallies)| Frame::Posting {
             owner: FederateId(1),
@@ -446,6 +446,7 @@ mod tests {
         let peer = peer.prop_map(|(federate, incarnation, host, listen)| Peer {
             federate: FederateId(federate),
             incarnation,
+            life: 3,
             host: HostId(host),
             listen,
         });

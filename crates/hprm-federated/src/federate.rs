@@ -442,9 +442,12 @@ impl Federate {
             Frame::Board { owner, reader, notifier } if reader == self.me => {
                 self.take_board(now, owner, notifier);
             }
+            Frame::Departing { federate, .. } if federate == self.me => self.request_departure(),
             Frame::Departing { federate, incarnation } => self.peer_departs(federate, incarnation),
             Frame::Joined { federate, first } => self.joined(federate, first),
-            Frame::Depart { tag } if self.startup.start().is_some() => self.told_to_leave(tag),
+            Frame::Depart { tag } if self.startup.start().is_some() => {
+                self.told_to_leave(now, tag);
+            }
             Frame::TagAdvanceGrant { .. }
             | Frame::ProvisionalTagAdvanceGrant { .. }
             | Frame::DownstreamNextEventTag { .. }

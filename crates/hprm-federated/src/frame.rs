@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::{Posting, Step};
 
 /// The version of the frames and of their meaning; both ends of a link must have the same.
-pub const PROTOCOL: u32 = 16;
+pub const PROTOCOL: u32 = 17;
 
 /// Identifies a federation. The driver keeps it secret if processes have to prove that they know it; then frames
 /// carry an id that is derived from it.
@@ -90,6 +90,8 @@ pub struct Peer {
     /// Which process of that federate it is: a transient federate that joins again is a new process, with
     /// another number.
     pub incarnation: u32,
+    /// How many processes have joined as that federate so far, this one included.
+    pub life: u32,
     /// Where it runs.
     pub host: HostId,
     /// Where it accepts direct links, and on which machine it gets shipments, if it does: words, of which
@@ -339,7 +341,7 @@ pub enum Frame {
         posting: Posting,
     },
     /// RTI to the federates downstream of one that asks to leave, where federates read boards: once its board says
-    /// so, they answer with `Met`.
+    /// so, they answer with `Met`. To that federate itself: it is to ask, because its successor joins.
     Departing {
         /// The federate that asks to leave.
         federate: FederateId,

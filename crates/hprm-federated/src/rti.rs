@@ -37,6 +37,7 @@ use self::join::{Candidate, Member};
 use self::traffic::Traffic;
 use self::watch::Watch;
 pub use self::watch::{HangTimeout, show_silence};
+use crate::boards::{Reading, readings};
 use crate::{Fault, FederationId, Frame, Missing, Refusal, Step, Topology, log};
 
 /// A connection that the driver has accepted. The driver never uses a number twice.
@@ -203,6 +204,8 @@ pub struct Rti {
     /// Whether federates may coordinate themselves by boards, and whether they do.
     allows_boards: bool,
     boards: bool,
+    /// How many processes have joined as each federate.
+    lives: Table<FederateId, u32>,
     /// Federates that have asked to leave, while the RTI asks others what they have done.
     departures: Departures,
     advance: Advance,
@@ -250,6 +253,7 @@ impl Rti {
             now: PhysicalTime(0),
             allows_boards: false,
             boards: false,
+            lives: Table::filled(topology.federates().count(), 0),
             departures: Departures::default(),
             advance: Advance::new(&topology),
             traffic: Traffic::new(&topology),
@@ -273,11 +277,32 @@ impl Rti {
         self
     }
 
-    /// Lets federates that share memory coordinate themselves by boards there, where the program permits it.
+    /// The federates that must know of a process that joins as a federate, or ends: its neighbours; and where there are
+    /// boards, those of which one reads the other's.
+    fn concerned_by(&self, federate: FederateId) -> Vec<FederateId> {
+        let mut concerned = self.topology.neighbours(federate).clone();
+        if self.boards && self.topology.is_transient(federate) {
+            let readings = readings(&self.topology).into_iter();
+            concerned.extend(readings.flat_map(|Reading { reader, owner, .. }| {
+                let other = if reader == federate { Some(owner) } else { None };
+                other.or((owner == federate).then_some(reader))
+            }));
+        }
+        concerned.into_iter().collect()
+    }
+
+    /// Lets federates that share memory coordinate themselves by boards there, where the program permits it; not if
+    /// transient federates may `join_from_elsewhere`, perhaps from where the others do not reach them.
     #[must_use]
-    pub fn with_boards(mut self) -> Self {
-        self.allows_boards = true;
+    pub fn with_boards(mut self, join_from_elsewhere: bool) -> Self {
+        self.allows_boards = !(join_from_elsewhere && self.topology.has_transients());
         self
+    }
+
+    /// Whether federates may join late.
+    #[must_use]
+    pub fn takes_transients(&self) -> bool {
+        self.topology.has_transients()
     }
 
     /// Whether the federates coordinate themselves by boards, so that none waits for this RTI before a tag.
@@ -463,7 +488,11 @@ impl Rti {
     fn forwarded_frame(&mut self, from: FederateId, frame: Frame) -> Result<(), Fault> {
         let running = self.phase == Phase::Running;
         match frame {
-            Frame::Board { owner, reader, .. } if owner == from && self.boards && !running => {
+            Frame::Board { owner, reader, .. }
+                if owner == from
+                    && self.boards
+                    && (!running || self.topology.is_transient(reader)) =>
+            {
                 self.route(from, reader, frame)
             }
             Frame::Posting { owner, reader, .. } if owner == from && self.boards && running => {
@@ -607,8 +636,7 @@ impl Rti {
             let counted = in_order || self.is_centralized();
             self.traffic.end(&self.topology, federate, counted);
         }
-        let neighbours: Vec<_> = self.topology.neighbours(federate).iter().copied().collect();
-        for neighbour in neighbours {
+        for neighbour in self.concerned_by(federate) {
             let link = self.members[neighbour].link();
             let link = link.or_else(|| self.arrivals.link_of_linking(neighbour));
             let frame = Frame::Gone { federate, in_order };

@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Tag};
 
 use crate::boards::Reading;
-use crate::{FederationId, Frame, HostId, PROTOCOL, Peer, Refusal};
+use crate::{FederationId, Frame, HostId, PROTOCOL, Peer, Posting, Refusal};
 
 /// A message that came before the start.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -33,6 +33,10 @@ pub(crate) struct Startup {
     needed: BTreeSet<FederateId>,
     /// Boards and notifiers of others without which this federate does not start.
     needed_boards: BTreeSet<(FederateId, bool)>,
+    /// Those that have come before the list of peers.
+    early_boards: Vec<(FederateId, bool)>,
+    /// What federates elsewhere have shown before the list of peers.
+    early_postings: BTreeMap<FederateId, Posting>,
     loaded: bool,
     ready: bool,
     start: Option<PhysicalTime>,
@@ -48,6 +52,8 @@ impl Startup {
         Self {
             needed: BTreeSet::new(),
             needed_boards: BTreeSet::new(),
+            early_boards: Vec::new(),
+            early_postings: BTreeMap::new(),
             partners,
             federation,
             host,
@@ -62,7 +68,9 @@ impl Startup {
 
     /// This federate exchanges messages on direct links, so it does not start without them.
     pub(crate) fn need_links(&mut self) {
-        self.needed = self.partners.clone();
+        let is_there =
+            |it: &FederateId| self.peers.as_ref().is_none_or(|peers| peers.contains_key(it));
+        self.needed = self.partners.iter().copied().filter(is_there).collect();
     }
 
     /// This federate reads those boards, and wakes up those of their owners to which it sends with their notifiers. It does
@@ -70,6 +78,24 @@ impl Startup {
     pub(crate) fn need_boards<'a>(&mut self, readings: impl Iterator<Item = &'a Reading>) {
         let needed = |it: &'a Reading| it.descriptors().map(|notifier| (it.owner, notifier));
         self.needed_boards = readings.flat_map(needed).collect();
+    }
+
+    /// A board or notifier has come before the list of peers.
+    pub(crate) fn keep_board(&mut self, owner: FederateId, notifier: bool) {
+        self.early_boards.push((owner, notifier));
+    }
+
+    /// A federate elsewhere has shown this before the list of peers.
+    pub(crate) fn keep_posting(&mut self, owner: FederateId, posting: Posting) {
+        self.early_postings.insert(owner, posting);
+    }
+
+    pub(crate) fn take_early_postings(&mut self) -> BTreeMap<FederateId, Posting> {
+        std::mem::take(&mut self.early_postings)
+    }
+
+    pub(crate) fn take_early_boards(&mut self) -> Vec<(FederateId, bool)> {
+        std::mem::take(&mut self.early_boards)
     }
 
     /// Whether a board or notifier that has come is one for which this federate waits.
@@ -129,6 +155,11 @@ impl Startup {
         peers.and_then(|peers| peers.get(&peer)).map_or(0, |peer| peer.incarnation)
     }
 
+    /// The number of the process that is a federate, as boards have it, if one is: they count from one.
+    pub(crate) fn life(&self, federate: FederateId) -> Option<u32> {
+        Some(self.peers.as_ref()?.get(&federate)?.life)
+    }
+
     /// Where a peer accepts direct links, if it does.
     pub(crate) fn address(&self, peer: FederateId) -> Option<String> {
         self.peers.as_ref()?.get(&peer)?.listen.clone()
@@ -176,6 +207,17 @@ impl Startup {
     /// Keeps a message from a peer that learned of the start before this federate.
     pub(crate) fn keep(&mut self, early: EarlyMessage) {
         self.early.push_back(early);
+    }
+
+    /// What has been kept of messages on some channels.
+    pub(crate) fn take_kept(
+        &mut self,
+        is_taken: impl Fn(ChannelId) -> bool,
+    ) -> VecDeque<EarlyMessage> {
+        let early = std::mem::take(&mut self.early).into_iter();
+        let (taken, kept) = early.partition(|early| is_taken(early.channel));
+        self.early = kept;
+        taken
     }
 
     /// The first frame on a direct link that this side has opened.

@@ -51,12 +51,13 @@ fn samples() -> Vec<Frame> {
     let (owner, reader, federate) = (FederateId(0), FederateId(1), FederateId(1));
     let tag = Tag::new(1_000, 1);
     let next = Step { tag, level: 3 };
-    let tallies = vec![Tally { messages: 4, latest: tag }; 5];
+    let tallies = vec![Tally { messages: 4, latest: tag, life: 0 }; 5];
     let posting = Posting { next, waits: Step::NEVER, departs: false, ended: false, tallies };
     let object = ObjectRef { owner, serial: 3, segment: 1, offset: 4096, len: 100_000 };
     let peer = |id| Peer {
         federate: FederateId(id),
         incarnation: 1,
+        life: 1,
         host: HostId(7),
         listen: Some("unix:@here".to_owned()),
     };

@@ -1,64 +1,68 @@
-//! The boards of a federation, as memory that all processes share: what is posted can be read at once, but a federate
-//! may read it later, each board on its own.
+//! The boards of a federation, as memory that processes of one machine share: what is posted can be read at once, but a
+//! federate may read it later, each board on its own. It reads those that it has got; the board of a successor takes
+//! the place of its predecessor's.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
-use hprm_core::{FederateId, PhysicalTime, Table};
+use hprm_core::{FederateId, PhysicalTime};
 use hprm_federated::{Fault, Input, Posting};
 
-use crate::Machines;
+use crate::network::Instance;
 use crate::node::Node;
 
 /// See the module.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Boards {
-    /// What each federate shows, and how often it has posted.
-    shown: Table<FederateId, (u64, Option<Posting>)>,
-    /// Federates that have posted since they last woke up others.
-    posted: BTreeSet<FederateId>,
-    /// For each federate, how many postings of the others it has read.
-    read: Table<FederateId, Table<FederateId, u64>>,
+    /// What each process shows, and how often it has posted.
+    shown: BTreeMap<Instance, (u64, Posting)>,
+    /// Processes that have posted since they last woke up others.
+    posted: BTreeSet<Instance>,
+    /// For each process and each other federate: whose board it reads, and how many postings it has read there.
+    read: BTreeMap<(Instance, FederateId), (Instance, u64)>,
 }
 
 impl Boards {
-    pub(crate) fn new(federates: usize) -> Self {
-        let read = Table::filled(federates, Table::filled(federates, 0));
-        Self { shown: Table::filled(federates, (0, None)), posted: BTreeSet::new(), read }
-    }
-
-    /// A federate shows something else.
-    pub(crate) fn post(&mut self, me: FederateId, posting: Posting) {
-        let (count, shown) = &mut self.shown[me];
-        *count += 1;
-        *shown = Some(posting);
+    /// A process shows something else.
+    pub(crate) fn post(&mut self, me: Instance, posting: Posting) {
+        let count = self.shown.get(&me).map_or(0, |(count, _)| *count);
+        self.shown.insert(me, (count + 1, posting));
         self.posted.insert(me);
     }
 
-    /// Whether a federate has posted since the last call.
-    pub(crate) fn take_posted(&mut self, me: FederateId) -> bool {
+    /// A process gets the board of another one.
+    pub(crate) fn attach(&mut self, me: Instance, owner: Instance) {
+        self.read.insert((me, owner.federate), (owner, 0));
+    }
+
+    /// The process whose board another one reads as that of a federate.
+    pub(crate) fn owner(&self, me: Instance, federate: FederateId) -> Option<Instance> {
+        self.read.get(&(me, federate)).map(|(owner, _)| *owner)
+    }
+
+    /// Whether a process has posted since the last call.
+    pub(crate) fn take_posted(&mut self, me: Instance) -> bool {
         self.posted.remove(&me)
     }
 
-    /// A federate reads those boards of its machine that it does not know yet and that are `chosen`. Returns whether there were any.
+    /// A process reads those boards that it does not know yet and that are `chosen`. Returns whether there were any.
     pub(crate) fn read(
         &mut self,
         node: &mut Node,
         now: PhysicalTime,
-        machines: Option<&Machines>,
-        mut chosen: impl FnMut(FederateId) -> bool,
+        mut chosen: impl FnMut() -> bool,
     ) -> Result<bool, Fault> {
-        let me = node.me.federate;
-        let is_near = |other| machines.is_none_or(|machines| machines.share_boards(me, other));
+        let me = node.me;
         let mut any = false;
-        let others = self.shown.iter().filter(|(from, _)| *from != me && is_near(*from));
-        for (from, (count, shown)) in others {
-            let Some(posting) = shown.as_ref().filter(|_| self.read[me][from] < *count) else {
+        let boards = self.read.iter_mut().filter(|((reader, _), _)| *reader == me);
+        for ((_, from), (owner, read)) in boards {
+            let Some((count, posting)) = self.shown.get(owner).filter(|(count, _)| *read < *count)
+            else {
                 continue;
             };
-            if chosen(from) {
-                self.read[me][from] = *count;
+            if chosen() {
+                *read = *count;
                 any = true;
-                node.input(now, Input::Board { from, posting: posting.clone() })?;
+                node.input(now, Input::Board { from: *from, posting: posting.clone() })?;
             }
         }
         Ok(any)

@@ -88,6 +88,7 @@ impl Trial {
         };
         let mut program = generate(&mut rng, shape);
         let mut plan = plan(&mut rng, shape, &program);
+        plan.boards = Rng::new(mix(seed ^ BOARDS)).percent(50);
         visits::draw(seed, shape, &mut program, &mut plan);
         let mut program = Arc::new(program);
         plan.maxwaits = changes::waits(seed, &mut program);
@@ -98,7 +99,6 @@ impl Trial {
             && plan.maxwaits.is_empty();
         plan.flow_limit = flow_limit(seed);
         plan.dnet = dnet_mode(seed);
-        plan.boards = Rng::new(mix(seed ^ BOARDS)).percent(50);
         Machines::draw(seed, &program, &mut plan);
         Self { seed, shape, plan, program, patient, rng }
     }

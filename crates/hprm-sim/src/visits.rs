@@ -44,6 +44,31 @@ pub(crate) fn draw(seed: u64, shape: Shape, program: &mut Program, plan: &mut Pl
     if shape.coordination == Coordination::Decentralized {
         ends(&mut rng, program, plan);
         latencies(&mut rng, program, plan);
+    } else if plan.boards {
+        if !latencies(&mut rng, program, plan) && rng.percent(50) {
+            // Otherwise most of those that join are too late.
+            last(program, plan);
+        }
+        if rng.percent(50) {
+            successors(&mut rng, program, plan);
+        }
+    }
+}
+
+/// Replaces transient federates, many times and soon, while messages of those that were there before are in transit.
+fn successors(rng: &mut Rng, program: &Program, plan: &mut Plan) {
+    let timeout = program.properties.timeout.unwrap_or_default();
+    let transients = program.federates.iter().filter(|(_, federate)| federate.transient);
+    for (me, _) in transients {
+        for _ in 0..rng.below(8) {
+            let at = PhysicalTime(rng.below(timeout.cast_unsigned() + 20_000).cast_signed());
+            if rng.percent(60) {
+                plan.visits.push((me, at, Visit::Crash));
+            }
+            let longest = if rng.percent(50) { 500 } else { 20_000 };
+            let pause = rng.below(longest).cast_signed();
+            plan.visits.push((me, at.plus(pause), Visit::Launch));
+        }
     }
 }
 
@@ -55,18 +80,19 @@ fn ends(rng: &mut Rng, program: &Program, plan: &mut Plan) {
 }
 
 /// Draws links of one kind that are slower than those of the other, so that what a federate learns from the
-/// RTI overtakes what comes from its peers, or the other way round.
-fn latencies(rng: &mut Rng, program: &mut Program, plan: &mut Plan) {
+/// RTI overtakes what comes from its peers, or the other way round. Returns whether the program lasts longer because of that.
+fn latencies(rng: &mut Rng, program: &mut Program, plan: &mut Plan) -> bool {
     let jitter = SLOW[usize::try_from(rng.below(3)).unwrap_or(0)];
     let slow = Latency { least: 0, jitter, spikes: 0 };
-    match rng.below(10) {
-        0..=1 => (plan.latency, plan.direct_latency) = (QUICK, Some(slow)),
-        2..=4 => {
-            (plan.latency, plan.direct_latency) = (slow, Some(QUICK));
-            last(program, plan);
-        }
-        _ => {}
+    let drawn = rng.below(10);
+    let is_slow = matches!(drawn, 2..=4);
+    if is_slow {
+        (plan.latency, plan.direct_latency) = (slow, Some(QUICK));
+        last(program, plan);
+    } else if drawn < 2 {
+        (plan.latency, plan.direct_latency) = (QUICK, Some(slow));
     }
+    is_slow
 }
 
 /// Makes a program with transient federates long enough that they can join over slow links.

@@ -88,7 +88,7 @@ fn rti(
     plan: &Plan,
 ) -> Rti {
     let rti = Rti::new(topology, federation, fingerprint, START_DELAY).dnet_mode(plan.dnet);
-    if plan.boards { rti.with_boards() } else { rti }
+    if plan.boards { rti.with_boards(false) } else { rti }
 }
 
 impl World {
@@ -106,7 +106,7 @@ impl World {
             nodes: BTreeMap::new(),
             launched: Table::filled(program.federates.len(), 0),
             rti: rti(topology, federation, fingerprint, &plan),
-            boards: Boards::new(program.federates.len()),
+            boards: Boards::default(),
             network: Network::new(Rng::new(rng.draw()), &plan),
             clocks: program.federates.ids().map(clock).collect(),
             joined: BTreeSet::new(),
@@ -520,10 +520,9 @@ impl World {
         }
         if node.machine.reads_boards() {
             // It may see what some of them have shown before.
-            let Self { boards, nodes, plan, rng, .. } = self;
+            let Self { boards, nodes, rng, .. } = self;
             let node = nodes.get_mut(&me).expect("it has a turn");
-            let machines = plan.machines.as_ref();
-            boards.read(node, local, machines, |_| rng.percent(50))?;
+            boards.read(node, local, || rng.percent(50))?;
         }
         self.node(me).input(local, input)?;
         self.advance(now, me)?;
@@ -539,13 +538,12 @@ impl World {
         let local = self.clocks[me.federate].local(now);
         loop {
             let node = self.nodes.get_mut(&me).expect("it has a turn");
-            let machines = self.plan.machines.as_ref();
-            if !self.boards.read(node, local, machines, |_| true)? || node.is_over() {
+            if !self.boards.read(node, local, || true)? || node.is_over() {
                 break;
             }
             self.advance(now, me)?;
         }
-        if !self.boards.take_posted(me.federate) {
+        if !self.boards.take_posted(me) {
             return Ok(());
         }
         for released in self.node(me).machine.released() {
@@ -553,7 +551,8 @@ impl World {
             if machines.is_some_and(|it| !it.share_boards(me.federate, released)) {
                 self.wrong.get_or_insert(format!("{me:?} cannot wake up {released:?} elsewhere"));
             }
-            let Some(to) = self.find(released, |node| !node.is_over()) else { continue };
+            let to = self.boards.owner(me, released);
+            let Some(to) = to.filter(|to| !self.nodes[to].is_over()) else { continue };
             let board = Place::Board(me.federate);
             self.network.send(now, board, Place::Federate(to), Event::Released(to));
         }
@@ -645,7 +644,8 @@ impl World {
                         self.send_link_event(now, me, to, LinkEvent::Frame(frame));
                     }
                 }
-                Output::Post(posting) => self.boards.post(me.federate, posting),
+                Output::Post(posting) => self.boards.post(me, posting),
+                Output::Board { owner, notifier: false } => self.attach(me, owner),
                 Output::Rejoin => {
                     self.reconnect(me);
                     self.network.at(now.plus(self.pause()), Event::Federate(me, Input::Rejoins));
@@ -660,6 +660,17 @@ impl World {
                 }
                 _ => {}
             }
+        }
+    }
+
+    /// A process gets the board of the process that is another federate, of those that have one the latest.
+    fn attach(&mut self, me: Instance, owner: FederateId) {
+        let machines = self.plan.machines.as_ref();
+        if machines.is_some_and(|it| !it.share_boards(me.federate, owner)) {
+            self.wrong.get_or_insert(format!("{me:?} cannot map a board of {owner:?}, elsewhere"));
+        }
+        if let Some(owner) = self.find(owner, |node| node.machine.reads_boards()) {
+            self.boards.attach(me, owner);
         }
     }
 

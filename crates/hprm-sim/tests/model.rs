@@ -375,7 +375,21 @@ fn transient_federates() {
     ];
     let setting = Setting { dnet: DnetMode::Off, ..Setting::default() };
     look_with(setting.clone(), "centralized", &cases);
-    look_with(setting, "decentralized", &shorter);
+    look_with(setting.clone(), "decentralized", &shorter);
+    let after = format!("transient b\n{AFTER}");
+    let often = format!("transient b\na: every 1 > b\na: every 1 > b\n{CYCLE}");
+    // On a cycle, with a delay on the other half.
+    let back = format!("transient b\n{CYCLE}\na > b after 1");
+    let on_boards: [Case; 7] = [
+        ("transient cycle", &often, 2, &[Arrive(B)]),
+        ("transient after", &after, 1, &[Arrive(B)]),
+        ("transient after", &after, 1, &[Arrive(B), Depart(B)]),
+        ("transient after", &after, 1, &[Arrive(B), Crash(B)]),
+        ("transient sender", &sender, 1, &[Arrive(A)]),
+        ("transient sender", &sender, 1, &[Arrive(A), Crash(A)]),
+        ("transient after", &back, 1, &[Arrive(B)]),
+    ];
+    look_with(Setting { boards: true, ..setting }, "centralized", &on_boards);
 }
 
 /// A federate that is killed may have passed the tag at which the others agree to stop: messages for that tag

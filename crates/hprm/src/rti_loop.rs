@@ -229,11 +229,12 @@ impl Rti {
         let identity = Identity::new(&options.program, keys.name(), Role::Rti);
         let fingerprint = Arc::clone(&options.fingerprint);
         let mut addresses = std::iter::once(&options.listen).chain(&options.also_listen);
-        let delay = if addresses.any(Address::is_open) { START_DELAY_NETWORK } else { START_DELAY };
+        let is_open = addresses.any(Address::is_open);
+        let delay = if is_open { START_DELAY_NETWORK } else { START_DELAY };
         let machine = hprm_federated::Rti::new(topology, keys.name(), fingerprint, delay)
             .watching(options.hang_timeout);
         let machine = match may_use_boards(network)? {
-            true => machine.with_boards(),
+            true => machine.with_boards(is_open),
             false => machine,
         };
         let listeners = std::iter::once(&options.listen)

@@ -24,7 +24,7 @@ fn at(time: i64) -> Tag {
 }
 
 fn tally(messages: u64, latest: i64) -> Tally {
-    Tally { messages, latest: if messages == 0 { Tag::NEVER } else { at(latest) } }
+    Tally { messages, latest: if messages == 0 { Tag::NEVER } else { at(latest) }, life: 0 }
 }
 
 /// What a federate shows that does nothing before a time.

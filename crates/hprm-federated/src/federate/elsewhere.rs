@@ -47,31 +47,39 @@ struct Other {
     asked: Step,
     /// Whether it has sent a posting for which this federate did not wait.
     unasked: bool,
+    /// Whether it needs what is shown next, although it does not wait.
+    is_urgent: bool,
 }
 
 impl Elsewhere {
-    /// Of all others that share no memory with `me`, those that matter.
-    pub(super) fn new(
-        topology: &Topology,
-        me: FederateId,
-        is_near: impl Fn(FederateId) -> bool,
-    ) -> Self {
-        let downstream = topology.reachable(me);
-        let others = topology.federates().filter(|other| *other != me && !is_near(*other));
-        let others = others.map(|federate| Other {
+    /// A federate that knows of no other one.
+    pub(super) fn new() -> Self {
+        Self { others: Vec::new(), shown: None, waits: Step::NEVER }
+    }
+
+    /// A process is that federate now, shares no memory with `me`, and knows nothing. It counts if one of the two matters to the
+    /// other.
+    pub(super) fn meet(&mut self, topology: &Topology, me: FederateId, federate: FederateId) {
+        self.forget(federate);
+        let leads_to = |from, to: FederateId| topology.reachable(from).contains(&to);
+        let other = Other {
             federate,
-            follows: downstream.contains(&federate),
-            leads: topology.reachable(federate).contains(&me),
+            follows: leads_to(me, federate),
+            leads: leads_to(federate, me),
             told: false,
             owed: Tag::NEVER,
             asked: Step::NEVER,
             unasked: false,
-        });
-        Self {
-            others: others.filter(|other| other.follows || other.leads).collect(),
-            shown: None,
-            waits: Step::NEVER,
+            is_urgent: false,
+        };
+        if other.follows || other.leads {
+            self.others.push(other);
         }
+    }
+
+    /// No process elsewhere is that federate.
+    pub(super) fn forget(&mut self, federate: FederateId) {
+        self.others.retain(|other| other.federate != federate);
     }
 
     /// Whether all that matter share memory with this federate.
@@ -97,6 +105,11 @@ impl Elsewhere {
             self.shown = Some(posting.clone());
             self.others.iter_mut().for_each(|other| other.told = false);
         }
+    }
+
+    /// All need what this federate shows next: it has read all of one that was killed.
+    pub(super) fn tell_all(&mut self) {
+        self.others.iter_mut().for_each(|other| other.is_urgent = true);
     }
 
     /// Through which step this federate must know its inputs; `NEVER` if it knows enough.
@@ -129,7 +142,9 @@ impl Elsewhere {
                 arrivals[other.federate] > step
             };
             let is_of_use = || shown.departs || other.wanted(boards).is_some_and(is_beyond);
-            if other.follows && !other.told && is_of_use() || other.is_misinformed(*waits) {
+            let is_due = other.is_urgent || other.follows && !other.told && is_of_use();
+            other.is_urgent = false;
+            if is_due || other.is_misinformed(*waits) {
                 if other.owed > Tag::NEVER && is_beyond(Step::end(other.owed)) {
                     other.owed = Tag::NEVER;
                 }

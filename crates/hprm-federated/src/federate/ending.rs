@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use hprm_core::{FederateId, Nanos, PhysicalTime, Tag};
 
 use super::{Coordinator, Federate};
+use crate::startup::EarlyMessage;
 use crate::stop::Stop;
 use crate::{End, Frame, Output};
 
@@ -21,6 +22,13 @@ pub(super) struct Lingering {
     pub(super) until: PhysicalTime,
     /// Whether all that was sent on it must have arrived when it ends.
     in_order: bool,
+}
+
+impl Lingering {
+    /// Whether what the link still brings has not been counted by its sender.
+    pub(super) fn is_of_one_that_was_killed(&self) -> bool {
+        !self.in_order
+    }
 }
 
 impl Federate {
@@ -58,7 +66,8 @@ impl Federate {
     /// later, and the RTI must know: it lets a federate advance no further than through its last tag. Under
     /// centralized coordination the RTI knows which tags are complete, and where there are boards, the board of this
     /// federate tells the others.
-    pub(super) fn told_to_leave(&mut self, tag: Tag) {
+    pub(super) fn told_to_leave(&mut self, now: PhysicalTime, tag: Tag) {
+        let tag = tag.max(self.after_others(now));
         self.depart(tag);
         let last = self.last_tag();
         let decentralized = matches!(self.coordinator, Coordinator::Decentralized(_));
@@ -98,6 +107,9 @@ impl Federate {
             self.fail_on_lost_frames(peer);
             return;
         }
+        if !in_order && self.reads_boards() && self.startup.start().is_none() {
+            self.take_nothing_of(peer);
+        }
         if self.startup.is_linked(peer) && !self.resigned.contains(&peer) {
             let until = if in_order { PhysicalTime::FOREVER } else { now.plus(self.explanation) };
             self.lingering.insert(peer, Lingering { until, in_order });
@@ -105,9 +117,26 @@ impl Federate {
         self.startup.needs_no_link_to(peer);
         self.get_ready(now);
         self.outputs.push_back(Output::ReaderGone(peer));
+        if let Some(showing) = self.showing.as_mut().filter(|_| !in_order) {
+            showing.boards.dies(peer);
+        }
         // What it sent on a direct link may still be in transit.
         if !self.startup.is_linked(peer) {
             self.closed(peer);
+        }
+    }
+
+    /// A federate has been killed before this one has started. Those that have met this one later do not know that something
+    /// of it may have come here: nothing does.
+    fn take_nothing_of(&mut self, peer: FederateId) {
+        let channels = self.topology.channels();
+        let is_of_it = |id| channels.get(id).is_some_and(|channel| channel.from == peer);
+        for EarlyMessage { payload, .. } in self.startup.take_kept(is_of_it) {
+            self.outputs.push_back(Output::Discard { payload });
+        }
+        if self.startup.is_linked(peer) {
+            self.outputs.push_back(Output::Disconnect(peer));
+            self.startup.unlink(peer);
         }
     }
 
@@ -206,6 +235,10 @@ impl Federate {
         self.outputs.push_back(Output::OwnerGone(peer));
         if let Coordinator::Decentralized(machine) = &mut self.coordinator {
             machine.closed(peer);
+        }
+        if let Some(showing) = self.showing.as_mut().filter(|_| self.topology.is_transient(peer)) {
+            showing.boards.has_read_all_of(&self.topology, peer);
+            showing.elsewhere.tell_all();
         }
     }
 

@@ -54,6 +54,9 @@ impl Federate {
             Coordinator::Centralized(machine) => machine.discarded(),
             Coordinator::Decentralized(machine) => machine.received(channel, tag),
         }
+        if let Some(showing) = &mut self.showing {
+            showing.boards.received(channel, tag);
+        }
         // No reaction processes it, so its sender need not wait for that. This federate may wait for the
         // sender.
         self.reached(self.first);
@@ -101,7 +104,9 @@ impl Federate {
         }
         let is_direct =
             matches!(self.coordinator, Coordinator::Decentralized(_)) && !channel.physical;
-        let leaves = if is_direct { self.startup.is_linked(channel.to) } else { true };
+        let is_ready =
+            || self.startup.is_linked(channel.to) && !self.meeting.withholds_from(channel.to);
+        let leaves = if is_direct { is_ready() } else { true };
         if leaves && self.is_live(channel.to) {
             let counts_at = if channel.physical { self.current } else { tag };
             self.flow.sent(channel.to, id, counts_at, &payload);

@@ -52,21 +52,51 @@ impl Federate {
     pub(super) fn use_boards(&mut self) {
         let near = |other| self.startup.shares_boards_with(other);
         let boards = Boards::new(&self.topology, self.me);
-        let apart = self.topology.federates().filter(|other| *other != self.me && !near(*other));
-        let boards = boards.with_elsewhere(apart);
-        let elsewhere = Elsewhere::new(&self.topology, self.me, near);
         let readings = readings(&self.topology).into_iter();
         let readings: Vec<_> = readings
             .filter(|it| near(if it.owner == self.me { it.reader } else { it.owner }))
             .collect();
+        let elsewhere = Elsewhere::new();
         let shown_at = PhysicalTime(i64::MIN);
         let departing = BTreeMap::new();
         self.showing = Some(Showing { boards, elsewhere, shown: None, shown_at, departing });
-        let machine = Decentralized::on_boards(&self.topology, self.me);
+        for federate in self.topology.federates() {
+            self.meet_on_boards(federate);
+        }
+        let mut machine = Decentralized::on_boards(&self.topology, self.me);
+        self.gone.iter().for_each(|peer| machine.closed(*peer));
         self.coordinator = Coordinator::Decentralized(machine);
         self.startup.need_links();
         self.startup.need_boards(readings.iter().filter(|it| it.reader == self.me));
-        for reading in readings.into_iter().filter(|it| it.owner == self.me) {
+        self.hand_out_board(readings.into_iter());
+        for (owner, notifier) in self.startup.take_early_boards() {
+            self.attach_board(owner, notifier);
+        }
+        for (owner, posting) in self.startup.take_early_postings() {
+            self.read_board(owner, posting);
+        }
+    }
+
+    /// Takes into account which process is a federate now, if one is, and whether that shares memory with this federate.
+    pub(super) fn meet_on_boards(&mut self, federate: FederateId) {
+        let is_near = federate == self.me || self.startup.shares_boards_with(federate);
+        let life = self.startup.life(federate);
+        let Some(Showing { boards, elsewhere, .. }) = &mut self.showing else { return };
+        boards.is_near(federate, is_near);
+        elsewhere.forget(federate);
+        match life {
+            None => boards.is_without(federate),
+            Some(_) if !is_near => elsewhere.meet(&self.topology, self.me, federate),
+            Some(_) => {}
+        }
+        if let Some(life) = life.filter(|_| self.topology.is_transient(federate)) {
+            boards.meet(&self.topology, federate, life);
+        }
+    }
+
+    /// Gives the board of this federate to others that read it.
+    pub(super) fn hand_out_board(&mut self, readings: impl Iterator<Item = Reading>) {
+        for reading in readings.filter(|it| it.owner == self.me) {
             for notifier in reading.descriptors() {
                 let Reading { reader, owner, .. } = reading;
                 self.outputs.push_back(Output::ToRti(Frame::Board { owner, reader, notifier }));
@@ -74,11 +104,19 @@ impl Federate {
         }
     }
 
-    /// The board of another federate has come, or what wakes it up.
+    /// The board of another federate has come, or what wakes it up; to one that joins late, before it knows the others.
     pub(super) fn take_board(&mut self, now: PhysicalTime, owner: FederateId, notifier: bool) {
-        if self.startup.takes_board(owner, notifier) {
+        match self.startup.awaits_peers() {
+            true => self.startup.keep_board(owner, notifier),
+            false => self.attach_board(owner, notifier),
+        }
+        self.get_ready(now);
+    }
+
+    fn attach_board(&mut self, owner: FederateId, notifier: bool) {
+        let joins_late = self.reads_boards() && self.topology.is_transient(owner);
+        if self.startup.takes_board(owner, notifier) || joins_late {
             self.outputs.push_back(Output::Board { owner, notifier });
-            self.get_ready(now);
         }
     }
 
@@ -114,6 +152,10 @@ impl Federate {
 
     /// A federate elsewhere shows something new.
     pub(super) fn take_posting(&mut self, from: FederateId, posting: Posting) -> Result<(), Fault> {
+        if self.startup.awaits_peers() && self.topology.is_transient(self.me) {
+            self.startup.keep_posting(from, posting);
+            return Ok(());
+        }
         if !self.showing.as_mut().is_some_and(|showing| showing.elsewhere.came(from)) {
             return Err(Fault::Unexpected { frame: "Posting" });
         }
@@ -146,6 +188,7 @@ impl Federate {
     fn post_and_find_out(&mut self, now: PhysicalTime) {
         let Some(start) = self.startup.start().filter(|_| !self.ended) else { return };
         let Some(next) = self.next_on_boards() else { return };
+        self.include_those_that_may_be(now.since(start));
         let departs = self.wants_to_leave && self.departure.is_none();
         let (Some(showing), Coordinator::Decentralized(machine)) =
             (&mut self.showing, &mut self.coordinator)
@@ -169,6 +212,7 @@ impl Federate {
         }
         self.tell_elsewhere(next);
         self.answer_about_departures();
+        self.answer_about_arrivals();
     }
 
     /// Sends what this federate shows to those that need it, and to those for whose boards it waits. It tells the latter

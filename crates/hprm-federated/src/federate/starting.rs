@@ -79,6 +79,9 @@ impl Federate {
         if let Coordinator::Decentralized(machine) = &mut self.coordinator {
             machine.begin(at, first);
         }
+        if let Some(showing) = &mut self.showing {
+            showing.boards.starts_at(first);
+        }
         for message in early {
             self.deliver(message);
         }

@@ -2,6 +2,7 @@
 
 mod dnet;
 mod elsewhere;
+mod lives;
 
 use std::sync::Arc;
 
@@ -47,6 +48,7 @@ fn peers(count: u16) -> Frame {
     let peer = |id: u16| Peer {
         federate: FederateId(id),
         incarnation: 0,
+        life: 1,
         host: HostId(u128::from(id / 2)),
         listen: Some(format!("port {id}")),
     };
@@ -289,7 +291,7 @@ fn a_federate_that_ended_in_order_has_resigned_on_its_link_or_messages_are_lost(
 fn a_predecessor_that_stands_still_does_not_block_its_successor() {
     let from = FederateId(0);
     let mut machine = started("decentralized\ntransient a\na -> b", "b", 2, &[0]);
-    let peer = Peer { federate: from, incarnation: 7, host: HostId(1), listen: None };
+    let peer = Peer { federate: from, incarnation: 7, life: 2, host: HostId(1), listen: None };
     let second = 1_000 * MILLISECOND;
     input(&mut machine, 0, Input::FromRti(Frame::Gone { federate: from, in_order: false }));
     assert!(input(&mut machine, 0, Input::FromRti(Frame::Joining { peer })).is_empty());
@@ -332,7 +334,7 @@ fn a_federate_reports_again_when_it_has_met_a_successor() {
     input(&mut machine, now, Input::FromPeer { from, frame: Frame::Resign });
     input(&mut machine, now, Input::PeerLost(from));
     input(&mut machine, now, Input::FromRti(Frame::Gone { federate: from, in_order: true }));
-    let peer = Peer { federate: from, incarnation: 7, host: HostId(1), listen: None };
+    let peer = Peer { federate: from, incarnation: 7, life: 2, host: HostId(1), listen: None };
     let outputs = input(&mut machine, now, Input::FromRti(Frame::Joining { peer }));
     let met = Output::ToRti(Frame::Met { federate: from, incarnation: 7, after: Tag::NEVER });
     assert_eq!(outputs, [met]);

@@ -154,6 +154,11 @@ impl Rti {
             }
             (Frame::Ready { .. }, Stage::Linking { .. }) => self.agree(federate),
             (Frame::Met { .. }, _) => {}
+            (frame @ Frame::Board { owner, reader, .. }, Stage::Linking { .. })
+                if owner == federate && self.topology.has(reader) =>
+            {
+                self.forward(federate, reader, frame);
+            }
             (Frame::Release { owner, reader, .. }, _) if reader != federate => {
                 return Err(Fault::UnknownFederate(owner));
             }
@@ -182,6 +187,7 @@ impl Rti {
         let Some(arrival) = self.arrivals.0.remove(&federate) else { return };
         if arrival.is_known() {
             self.announce_end(federate, false);
+            self.forget_departure(federate);
             self.send_grants();
         }
         self.admit_arrivals();
@@ -193,6 +199,7 @@ impl Rti {
             self.refuse(arrival.link, self.topology.name(federate), Refusal::TooLate);
             if arrival.is_known() {
                 self.announce_end(federate, false);
+                self.forget_departure(federate);
             }
         }
     }
@@ -263,9 +270,9 @@ impl Rti {
     /// runs, the RTI introduces the arriving federate to its neighbours. Of two neighbours that arrive at the
     /// same time, one waits for the other: the RTI can introduce a federate only to those that have joined.
     fn replace_predecessor(&mut self, federate: FederateId) {
-        let neighbours = self.topology.neighbours(federate);
+        let concerned = self.concerned_by(federate);
         let joining = |(other, arrival): (&FederateId, &Arrival)| {
-            arrival.is_known() && neighbours.contains(other)
+            arrival.is_known() && concerned.contains(other)
         };
         let waits = self.arrivals.0.iter().any(joining);
         let Some(arrival) = self.arrivals.0.get_mut(&federate) else { return };
@@ -278,7 +285,10 @@ impl Rti {
             }
         } else if until.is_none() {
             *until = Some(self.now.plus(DEPARTURE));
-            self.tell_to_leave(federate, Tag::START);
+            match self.boards {
+                true => self.tell_to_ask(federate),
+                false => self.tell_to_leave(federate, Tag::START),
+            }
         }
     }
 
@@ -295,10 +305,16 @@ impl Rti {
         self.send_grants();
     }
 
+    /// Tells a federate to ask at which tag it may leave, because others have read its board.
+    fn tell_to_ask(&mut self, federate: FederateId) {
+        let Some(incarnation) = self.members[federate].link().map(|link| link.0) else { return };
+        self.send(federate, Frame::Departing { federate, incarnation });
+    }
+
     /// Tells the neighbours of an arriving federate that it is about to join.
     fn introduce(&mut self, federate: FederateId) {
-        let neighbours = self.topology.neighbours(federate).iter().copied();
-        let unanswered: BTreeSet<_> = neighbours.filter(|n| self.members[*n].is_live()).collect();
+        let concerned = self.concerned_by(federate).into_iter();
+        let unanswered: BTreeSet<_> = concerned.filter(|n| self.members[*n].is_live()).collect();
         let Some(arrival) = self.arrivals.0.get_mut(&federate) else { return };
         let frame = Frame::Joining { peer: arrival.peer.clone() };
         arrival.stage = Stage::Meeting { unanswered: unanswered.clone() };
@@ -315,10 +331,10 @@ impl Rti {
             _ => return,
         }
         arrival.stage = Stage::Linking { until: self.now.plus(LINKING) };
-        let link = arrival.link;
-        let peers = self.peers();
-        self.outputs
-            .push_back(RtiOutput::Send { link, frame: Frame::Peers { peers, boards: false } });
+        let (link, own) = (arrival.link, arrival.peer.clone());
+        let boards = self.boards;
+        let peers = self.peers().into_iter().chain(Some(own).filter(|_| boards)).collect();
+        self.outputs.push_back(RtiOutput::Send { link, frame: Frame::Peers { peers, boards } });
     }
 
     /// A neighbour has answered that it knows of an arriving federate, or waits for the federate's messages. It
@@ -369,8 +385,11 @@ impl Rti {
     /// federate advances without a grant. Under decentralized coordination its receivers have to answer
     /// that they wait for its messages.
     fn agree(&mut self, federate: FederateId) {
-        let receivers = self.topology.downstream(federate).iter().map(|edge| edge.federate);
-        let live = receivers.filter(|receiver| self.members[*receiver].is_live());
+        let receivers: Vec<_> = match self.boards {
+            true => self.concerned_by(federate),
+            false => self.topology.downstream(federate).iter().map(|edge| edge.federate).collect(),
+        };
+        let live = receivers.into_iter().filter(|receiver| self.members[*receiver].is_live());
         let unanswered = match self.is_centralized() {
             true => BTreeSet::new(),
             false => live.filter(|receiver| *receiver != federate).collect(),
@@ -401,9 +420,8 @@ impl Rti {
             return;
         }
         self.advance.join(&self.topology, federate, tag);
-        let neighbours: Vec<_> = self.topology.neighbours(federate).iter().copied().collect();
-        for neighbour in neighbours {
-            self.send(neighbour, Frame::Joined { federate, first: tag });
+        for other in self.concerned_by(federate) {
+            self.send(other, Frame::Joined { federate, first: tag });
         }
         self.send_grants();
     }
@@ -422,9 +440,9 @@ impl Rti {
             _ => return,
         }
         let Some(arrival) = self.arrivals.0.remove(&federate) else { return };
-        let Arrival { link, met, peer: Peer { host, listen, .. }, .. } = arrival;
+        let Arrival { link, met, peer: Peer { life, host, listen, .. }, .. } = arrival;
         let first = self.advance.first(federate);
-        self.members[federate] = Member::Live { link, host, listen, ready: Some(self.now) };
+        self.members[federate] = Member::Live { link, life, host, listen, ready: Some(self.now) };
         self.note_frame(federate, self.now);
         self.traffic.start(&self.topology, federate, &met);
         self.advance.join(&self.topology, federate, first);

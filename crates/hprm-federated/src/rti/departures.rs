@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use hprm_core::{FederateId, Tag};
 
-use super::Rti;
+use super::{Rti, RtiOutput};
 use crate::Frame;
 
 /// What the RTI knows of one departure.
@@ -37,10 +37,16 @@ impl Rti {
     pub(super) fn ask_before_departure(&mut self, federate: FederateId, least: Tag) {
         let Some(incarnation) = self.members[federate].link().map(|link| link.0) else { return };
         let readers = self.topology.reachable(federate).into_iter();
-        let live = |other: &FederateId| *other != federate && self.members[*other].is_live();
-        let unanswered: BTreeSet<_> = readers.filter(live).collect();
-        for reader in &unanswered {
-            self.send(*reader, Frame::Departing { federate, incarnation });
+        // One that is about to join may have read the board already.
+        let link_of =
+            |other| self.members[other].link().or_else(|| self.arrivals.link_of_linking(other));
+        let links =
+            readers.filter(|other| *other != federate).filter_map(|it| Some((it, link_of(it)?)));
+        let links: Vec<_> = links.collect();
+        let unanswered = links.iter().map(|(reader, _)| *reader).collect();
+        for (_, link) in links {
+            let frame = Frame::Departing { federate, incarnation };
+            self.outputs.push_back(RtiOutput::Send { link, frame });
         }
         self.departures.0.insert(federate, Departure { least, unanswered });
         self.end_departures();

@@ -25,7 +25,13 @@ pub(super) enum Member {
     /// The federate has not joined yet.
     Absent,
     /// The federate has a link, and `ready` is the time at which it became ready, if it is.
-    Live { link: LinkId, host: HostId, listen: Option<String>, ready: Option<PhysicalTime> },
+    Live {
+        link: LinkId,
+        life: u32,
+        host: HostId,
+        listen: Option<String>,
+        ready: Option<PhysicalTime>,
+    },
     /// The federate has ended.
     Gone,
 }
@@ -58,7 +64,7 @@ impl Rti {
             self.refuse(link, name, Refusal::WrongFederation);
         } else if self.is_latest_attempt(link, attempt) {
             self.attempts.add(link, attempt);
-            let peer = Peer { federate, incarnation: link.0, host, listen };
+            let peer = Peer { federate, incarnation: link.0, life: 0, host, listen };
             match fingerprint == self.fingerprint.digest() {
                 true => self.admit(link, peer),
                 false => self.compare(link, peer),
@@ -75,10 +81,12 @@ impl Rti {
             return;
         }
         self.links.insert(link, federate);
+        self.lives[federate] = self.lives[federate].saturating_add(1);
+        let peer = Peer { life: self.lives[federate], ..peer };
         self.outputs.push_back(RtiOutput::Joined { federate, link });
         if self.phase == Phase::Joining {
-            let Peer { host, listen, .. } = peer;
-            self.members[federate] = Member::Live { link, host, listen, ready: None };
+            let Peer { life, host, listen, .. } = peer;
+            self.members[federate] = Member::Live { link, life, host, listen, ready: None };
             self.left_early.remove(&federate);
             self.load_together();
         } else {
@@ -200,7 +208,7 @@ impl Rti {
         let all_listen = peers.iter().all(|peer| peer.listen.as_ref().is_some_and(accepts));
         let centralized = self.topology.coordination() == hprm_core::Coordination::Centralized;
         let few = self.topology.federates().count() <= boards::FEDERATES;
-        let fits = centralized && few && !self.topology.has_transients();
+        let fits = centralized && few;
         self.allows_boards && fits && all_listen && pays()
     }
 
@@ -227,9 +235,9 @@ impl Rti {
         let members = self.members.iter();
         members
             .filter_map(|(federate, member)| match member {
-                Member::Live { link, host, listen, .. } => {
+                Member::Live { link, life, host, listen, .. } => {
                     let (incarnation, host, listen) = (link.0, *host, listen.clone());
-                    Some(Peer { federate, incarnation, host, listen })
+                    Some(Peer { federate, incarnation, life: *life, host, listen })
                 }
                 Member::Absent | Member::Gone => None,
             })

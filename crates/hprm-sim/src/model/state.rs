@@ -1,11 +1,12 @@
 //! A federation between two actions: the machines, and the frames in transit between them.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use hprm_core::{FederateId, Fingerprint, PhysicalTime, Program, Table, Tag};
 use hprm_federated::{
-    Fault, FederationId, Frame, Input, LinkId, Output, Rti, RtiInput, RtiOutput, Step, Topology,
+    Fault, FederationId, Frame, Input, LinkId, Output, Posting, Rti, RtiInput, RtiOutput, Step,
+    Topology,
 };
 
 use super::Setting;
@@ -92,6 +93,8 @@ pub(super) struct State {
     pub(super) left: BTreeSet<FederateId>,
     /// The physical action that has been scheduled.
     pub(super) event: Option<(FederateId, Tag)>,
+    /// What processes show, if some get the boards of others later.
+    posted: BTreeMap<Instance, Posting>,
 }
 
 impl State {
@@ -104,7 +107,7 @@ impl State {
         let fingerprint = Arc::new(program.fingerprint());
         let rti = Rti::new(topology, federation, Arc::clone(&fingerprint), start_delay);
         let rti = rti.dnet_mode(dnet);
-        let rti = if boards { rti.with_boards() } else { rti };
+        let rti = if boards { rti.with_boards(false) } else { rti };
         let plan = Plan { flow_limit, machines: machines(program, setting), ..Plan::default() };
         let seat = |me| {
             let me = Instance::first(me);
@@ -129,6 +132,7 @@ impl State {
             lost_from: Tag::FOREVER,
             left: BTreeSet::new(),
             event: None,
+            posted: BTreeMap::new(),
         };
         for me in program.federates.ids() {
             if !state.seats[me].get().node.is_over() {
@@ -175,7 +179,7 @@ impl State {
         let seats: Vec<_> = self.seats.values().map(Shared::digest).collect();
         let parts = (self.now, self.rti.digest(), seats, &self.links, &self.happenings);
         let rest = (self.failed, self.finished, &self.broken, &self.left, self.event);
-        digest(&(parts, rest, self.past.digest(), self.lost_from))
+        digest(&(parts, rest, self.past.digest(), self.lost_from, &self.posted))
     }
 
     /// Whether that action tells a federate of the start.
@@ -459,7 +463,19 @@ impl State {
                 let input = RtiInput::Frame { link: self.link(me), frame };
                 self.send(place, Place::Rti, Event::Rti(input));
             }
+            Output::Board { owner, notifier: false } => {
+                let (from, owner) = (Place::Board(owner), self.instance(owner));
+                // Nothing is read any more of a predecessor's board.
+                self.links.cut((from, place));
+                if let Some(posting) = self.posted.get(&owner).cloned() {
+                    let input = Input::Board { from: owner.federate, posting };
+                    self.send(from, place, Event::Federate(instance, input));
+                }
+            }
             Output::Post(posting) => {
+                if self.rti.get().takes_transients() {
+                    self.posted.insert(instance, posting.clone());
+                }
                 let machines = self.plan.machines.as_ref();
                 let is_near = |other| machines.is_none_or(|it| it.share_boards(me, other));
                 let others = self.seats.ids().filter(|other| *other != me && is_near(*other));

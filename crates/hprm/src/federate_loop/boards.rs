@@ -81,6 +81,8 @@ impl Boards {
         }
         let view = BoardView::map(&descriptor).map_err(|error| Failure::store(&error))?;
         other.board = Some(view.ok_or_else(|| Failure::store(&"what came is no board"))?);
+        // It may be that of a successor.
+        other.read = 0;
         Ok(())
     }
 
@@ -193,10 +195,10 @@ fn write(posting: &Posting, bytes: &mut Vec<u8>) {
         put(u64::from(step.level));
     }
     put(u64::from(departs) | u64::from(ended) << 1);
-    for Tally { messages, latest } in tallies {
+    for Tally { messages, latest, life } in tallies {
         put(*messages);
         put(latest.time.cast_unsigned());
-        put(u64::from(latest.microstep));
+        put(u64::from(latest.microstep) << 32 | u64::from(*life));
     }
 }
 
@@ -209,9 +211,16 @@ fn read(bytes: &[u8]) -> Option<Posting> {
     let flags = words.next()?;
     let mut tallies = Vec::with_capacity(words.len() / TALLY);
     while words.len() >= TALLY {
-        tallies.push(Tally { messages: words.next()?, latest: tag(&mut words)? });
+        tallies.push(tally(&mut words)?);
     }
     Some(Posting { next, waits, departs: flags & 1 > 0, ended: flags & 2 > 0, tallies })
+}
+
+/// The microstep and the number of the process share a word.
+fn tally(words: &mut impl Iterator<Item = u64>) -> Option<Tally> {
+    let (messages, time, word) = (words.next()?, words.next()?.cast_signed(), words.next()?);
+    let [microstep, life] = [word >> 32, word & u64::from(u32::MAX)].map(u32::try_from);
+    Some(Tally { messages, latest: Tag { time, microstep: microstep.ok()? }, life: life.ok()? })
 }
 
 fn step(words: &mut impl Iterator<Item = u64>) -> Option<Step> {
@@ -240,8 +249,8 @@ mod tests {
     }
 
     fn any_posting() -> impl Strategy<Value = Posting> {
-        let tally =
-            (any::<u64>(), any_tag()).prop_map(|(messages, latest)| Tally { messages, latest });
+        let tally = (any::<u64>(), any_tag(), any::<u32>());
+        let tally = tally.prop_map(|(messages, latest, life)| Tally { messages, latest, life });
         let tallies = prop::collection::vec(tally, 0..9);
         let parts = (any_step(), any_step(), any::<bool>(), any::<bool>(), tallies);
         parts.prop_map(|(next, waits, departs, ended, tallies)| Posting {
@@ -284,7 +293,7 @@ mod tests {
     }
 
     fn counted(messages: u64) -> Posting {
-        let tallies = vec![Tally { messages, latest: Tag::START }];
+        let tallies = vec![Tally { messages, latest: Tag::START, life: 0 }];
         let (next, waits) = (Step::begin(Tag::START), Step::NEVER);
         Posting { next, waits, departs: false, ended: false, tallies }
     }

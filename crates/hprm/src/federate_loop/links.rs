@@ -208,7 +208,12 @@ impl FederateLinks {
         let mut addresses = String::new();
         // Without the RTI's grants, messages need direct links, as those between agents are.
         let is_reached = rti.is_local() || reach::is_reached_through_agent(options);
-        let is_linked = decentralized || is_reached && may_use_boards(&network)?;
+        // Where others read boards, one that joins late has to.
+        let is_late = options.program.federates[options.federate].transient;
+        let may_read = || {
+            Ok::<_, Failure>(may_use_boards(&network)? || is_late && network.notifier().is_some())
+        };
+        let is_linked = decentralized || is_reached && may_read()?;
         if is_linked {
             let listeners;
             (listeners, addresses) = reach::listen(options, &rti, &keys, &network)?;

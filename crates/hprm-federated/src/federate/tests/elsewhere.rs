@@ -8,6 +8,7 @@ fn peers_on(hosts: &[u128]) -> Frame {
     let peer = |(id, host): (u16, &u128)| Peer {
         federate: FederateId(id),
         incarnation: 0,
+        life: 1,
         host: HostId(*host),
         listen: Some(format!("port {id}")),
     };
@@ -47,7 +48,7 @@ fn told(outputs: Vec<Output>) -> Vec<(u16, Posting)> {
 }
 
 fn shows(next: i64, waits: Step, tallies: usize) -> Posting {
-    let tallies = vec![Tally { messages: 0, latest: Tag::NEVER }; tallies];
+    let tallies = vec![Tally { messages: 0, latest: Tag::NEVER, life: 0 }; tallies];
     Posting { next: Step::begin(at(next)), waits, departs: false, ended: false, tallies }
 }
 
@@ -121,7 +122,7 @@ fn a_posting_follows_a_message_without_being_asked_for() {
         sent.iter().map(|(to, it)| (*to, it.next)).collect::<Vec<_>>(),
         [(1, Step::begin(at(8)))]
     );
-    assert_eq!(sent[0].1.tallies[0], Tally { messages: 1, latest: at(3) });
+    assert_eq!(sent[0].1.tallies[0], Tally { messages: 1, latest: at(3), life: 0 });
     input(&mut a, 8, Input::Begun(at(8)));
     input(&mut a, 8, Input::Completed(at(8)));
     assert_eq!(told(input(&mut a, 8, Input::NextEvent(at(9)))), []);

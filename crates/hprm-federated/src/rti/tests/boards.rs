@@ -9,7 +9,7 @@ const ELSEWHERE: HostId = HostId(4);
 
 /// The RTI of a program whose federates join one after another from those hosts, and accept direct links there.
 fn joined(text: &str, from: &[(HostId, &str)]) -> (Rti, bool) {
-    let mut rti = rti(text).with_boards();
+    let mut rti = rti(text).with_boards(false);
     let mut last = Vec::new();
     for (id, (host, listen)) in (0..).zip(from) {
         let Frame::Hello { protocol, federation, fingerprint, federate, attempt, .. } = hello(id)

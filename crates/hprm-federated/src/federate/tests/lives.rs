@@ -1,0 +1,115 @@
+//! Federates that read boards, and transient ones that join or are killed.
+
+use super::*;
+use crate::{Posting, Tally};
+
+fn peer(id: u16, life: u32) -> Peer {
+    let (federate, listen) = (FederateId(id), Some(format!("port {id}")));
+    Peer { federate, incarnation: life, life, host: HostId(1), listen }
+}
+
+/// A federate that knows those others, has linked to them and has their boards.
+fn linked(text: &str, name: &str, others: &[u16]) -> Federate {
+    let mut machine = new(text, name);
+    let me = machine.me();
+    let peers = others.iter().chain([&me.0]).map(|id| peer(*id, 1)).collect();
+    input(&mut machine, 0, Input::FromRti(Frame::Peers { peers, boards: true }));
+    input(&mut machine, 0, Input::Loaded);
+    for peer in machine.startup.missing_links().collect::<Vec<_>>() {
+        input(&mut machine, 0, Input::PeerUp(peer));
+    }
+    for owner in others.iter().copied().map(FederateId) {
+        for notifier in [false, true] {
+            let board = Frame::Board { owner, reader: me, notifier };
+            input(&mut machine, 0, Input::FromRti(board));
+        }
+    }
+    machine
+}
+
+fn start(machine: &mut Federate, first: Tag) -> Vec<Output> {
+    input(machine, 0, Input::FromRti(Frame::Start { at: START, first }))
+}
+
+fn gone(id: u16) -> Input {
+    Input::FromRti(Frame::Gone { federate: FederateId(id), in_order: false })
+}
+
+/// What a federate has posted last.
+fn posted(outputs: &[Output]) -> Option<&Posting> {
+    let posted = outputs.iter().rev().filter_map(|output| match output {
+        Output::Post(posting) => Some(posting),
+        _ => None,
+    });
+    posted.into_iter().next()
+}
+
+fn has_delivered(outputs: &[Output]) -> bool {
+    outputs.iter().any(|output| matches!(output, Output::Deliver { .. }))
+}
+
+#[test]
+fn one_that_has_not_started_takes_nothing_of_one_that_is_killed() {
+    let text = "transient a\ntransient b\na -> b\nb -> c";
+    let from = FederateId(0);
+    let early = Input::FromPeer { from, frame: message(0, at(50)) };
+    let mut b = linked(text, "b", &[0, 2]);
+    assert!(input(&mut b, 0, early.clone()).is_empty());
+    assert!(has_delivered(&start(&mut b, at(10))), "it is no early message for nothing");
+
+    let mut b = linked(text, "b", &[0, 2]);
+    input(&mut b, 0, early);
+    let outputs = input(&mut b, 0, gone(0));
+    let discarded = outputs.iter().any(|output| matches!(output, Output::Discard { .. }));
+    assert!(discarded && outputs.contains(&Output::Disconnect(from)), "{outputs:?}");
+    assert!(!has_delivered(&start(&mut b, at(10))));
+    let outputs = input(&mut b, 20, Input::NextEvent(at(20)));
+    let read_all = Tally { messages: u64::MAX, latest: Tag::NEVER, life: 1 };
+    assert_eq!(posted(&outputs).map(|posting| posting.tallies[0]), Some(read_all));
+}
+
+#[test]
+fn a_federate_answers_about_one_that_joins_when_it_shows_that_it_knows_it() {
+    let b = FederateId(1);
+    let mut a = linked("transient b\na -> b", "a", &[]);
+    start(&mut a, Tag::START);
+    input(&mut a, 3, Input::NextEvent(at(3)));
+    input(&mut a, 3, Input::Begun(at(3)));
+    let joining = Input::FromRti(Frame::Joining { peer: peer(1, 2) });
+    let connect = Output::Connect { peer: b, listen: "port 1".into() };
+    assert_eq!(input(&mut a, 3, joining), [connect]);
+    let met = Output::ToRti(Frame::Met { federate: b, incarnation: 2, after: at(3) });
+    assert!(!input(&mut a, 3, Input::PeerUp(b)).contains(&met), "it has shown nothing yet");
+    input(&mut a, 3, Input::Completed(at(3)));
+    let outputs = input(&mut a, 3, Input::NextEvent(at(9)));
+    assert!(outputs.contains(&met), "{outputs:?}");
+    let none = Tally { messages: 0, latest: Tag::NEVER, life: 2 };
+    assert_eq!(posted(&outputs).map(|posting| posting.tallies[0]), Some(none));
+    let board = Frame::Board { owner: FederateId(0), reader: b, notifier: false };
+    assert!(outputs.contains(&Output::ToRti(board)), "{outputs:?}");
+
+    // Once more, when it relies on nothing that it had found without that one.
+    let joined = Input::FromRti(Frame::Joined { federate: b, first: at(8) });
+    assert!(input(&mut a, 4, joined).contains(&met));
+}
+
+#[test]
+fn nothing_is_sent_to_a_successor_before_the_other_end_of_the_former_link_has_been_read() {
+    let text = "transient b\na -> b after 1\nb -> a";
+    let (b, second) = (FederateId(1), Input::FromRti(Frame::Joining { peer: peer(1, 2) }));
+    let mut a = linked(text, "a", &[1]);
+    start(&mut a, Tag::START);
+    input(&mut a, 1, Input::NextEvent(at(5)));
+    input(&mut a, 1, gone(1));
+    // The RTI knows of the end; the link has not ended yet.
+    assert_eq!(input(&mut a, 2, second), []);
+    let is_met = |outputs: &[Output]| {
+        let met = |output: &Output| matches!(output, Output::ToRti(Frame::Met { .. }));
+        outputs.iter().any(met)
+    };
+    assert!(!is_met(&input(&mut a, 2, Input::NextEvent(at(6)))));
+    let mut outputs = input(&mut a, 3, Input::PeerLost(b));
+    outputs.extend(input(&mut a, 3, Input::PeerUp(b)));
+    outputs.extend(input(&mut a, 3, Input::NextEvent(at(7))));
+    assert!(is_met(&outputs), "{outputs:?}");
+}
