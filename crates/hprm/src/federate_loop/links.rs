@@ -42,6 +42,8 @@ pub(super) struct FederateLinks {
     polled: PolledLinks,
     search: Search,
     openings: Openings,
+    /// Tells the user something.
+    notice: Option<fn(&str)>,
     /// Whether the link to the RTI is lost, and this federate looks for the RTI again.
     rti_link_lost: bool,
     keys: Keys,
@@ -252,6 +254,7 @@ impl FederateLinks {
             },
             search,
             openings: Openings::new(&options.reach),
+            notice: options.reach.notice,
             rti_link_lost: false,
             keys,
             advertised,
@@ -376,6 +379,16 @@ impl FederateLinks {
             if let Some(reason) = self.open_link(peer) {
                 inputs.push((self.serials.outgoing(peer), Input::Unreachable { peer, reason }));
             }
+        }
+    }
+
+    /// Tells the user of links that do not open. After the links were read: one that has opened by now is not told.
+    fn tell_of_links(&mut self) {
+        if self.openings.is_empty() {
+            return;
+        }
+        for text in self.openings.take_notices(Clock::local()) {
+            self.notice.iter().for_each(|notice| notice(&text));
         }
     }
 
@@ -581,7 +594,9 @@ impl FederateLinks {
         self.read_rti(inputs)?;
         self.accept_peers(admit, inputs)?;
         self.open_links(inputs);
-        self.read_peers(inputs)
+        self.read_peers(inputs)?;
+        self.tell_of_links();
+        Ok(())
     }
 
     /// Waits until a link is ready, the loop is notified, or `until` has come.

@@ -4,7 +4,8 @@
 //! An accident may end such a link, and so may an unauthenticated client that floods the peer with
 //! connections. This federate then opens the link again, within the connect timeout, which counts from the
 //! first such end: before that, the peer may be loading its program and answer nothing. What the peer decides,
-//! for example about the secret, is final. This file decides when to open a link again; `links` does it.
+//! for example about the secret, is final. This file decides when to open a link again, and when to tell the user;
+//! `links` does it.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -16,10 +17,13 @@ use super::reach::Reach;
 use super::search::{PAUSES, is_transient_error};
 use crate::{Address, Clock, nanoseconds};
 
+/// How long after its first failed attempt a link may open without a message to the user. Between agents, which take a
+/// moment to find one another, first attempts fail in a normal start.
+const NOTICE_AFTER: Nanos = 2_000_000_000;
+
 /// The links that are being opened.
 pub(super) struct Openings {
     connect_timeout: Nanos,
-    notice: Option<fn(&str)>,
     by_peer: BTreeMap<FederateId, Opening>,
 }
 
@@ -32,20 +36,22 @@ struct Opening {
     next: Option<PhysicalTime>,
     /// When to give up, from the first attempt that has failed.
     give_up: Option<PhysicalTime>,
+    /// When to tell the user, from the first attempt that has failed until that is told.
+    tell: Option<PhysicalTime>,
+    /// Why the latest attempt has failed.
+    reason: String,
 }
 
 impl Openings {
     pub(super) fn new(reach: &Reach) -> Self {
-        Self {
-            connect_timeout: nanoseconds(reach.connect_timeout),
-            notice: reach.notice,
-            by_peer: BTreeMap::new(),
-        }
+        Self { connect_timeout: nanoseconds(reach.connect_timeout), by_peer: BTreeMap::new() }
     }
 
     /// A link to `peer` is to be opened.
     pub(super) fn begin(&mut self, peer: FederateId, address: Address, hello: Frame) {
-        let opening = Opening { address, hello, pause: PAUSES.0, next: None, give_up: None };
+        let (pause, reason) = (PAUSES.0, String::new());
+        let opening =
+            Opening { address, hello, pause, next: None, give_up: None, tell: None, reason };
         self.by_peer.insert(peer, opening);
     }
 
@@ -77,7 +83,9 @@ impl Openings {
         now: PhysicalTime,
     ) -> Option<String> {
         let opening = self.by_peer.get_mut(&peer)?;
-        let is_first = opening.give_up.is_none();
+        if opening.give_up.is_none() {
+            opening.tell = Some(now.plus(NOTICE_AFTER));
+        }
         let give_up = *opening.give_up.get_or_insert(now.plus(self.connect_timeout));
         let reason = reason(error);
         if now >= give_up || !is_transient_error(error) {
@@ -85,17 +93,16 @@ impl Openings {
             self.by_peer.remove(&peer);
             return Some(reason);
         }
-        if let Some(notice) = self.notice.filter(|_| is_first) {
-            notice(&format!("trying again to reach the federate at {}: {reason}", opening.address));
-        }
+        opening.reason = reason;
         opening.next = Some(now.plus(opening.pause).min(give_up));
         opening.pause = (2 * opening.pause).min(PAUSES.1);
         None
     }
 
-    /// When to try again, by the federation's clock.
+    /// When to try again or to tell the user, by the federation's clock.
     pub(super) fn next_wakeup(&self) -> Option<PhysicalTime> {
-        self.by_peer.values().filter_map(|opening| opening.next).min().map(Clock::at)
+        let times = self.by_peer.values().flat_map(|opening| [opening.next, opening.tell]);
+        times.flatten().min().map(Clock::at)
     }
 
     /// The peers to which a link is to be opened again at `now`; an attempt is under way from now on.
@@ -105,6 +112,16 @@ impl Openings {
             .iter_mut()
             .filter_map(|(peer, opening)| opening.next.take_if(|next| *next <= now).map(|_| *peer));
         due.collect()
+    }
+
+    /// What the user is told at `now` of links that stay closed, once for each.
+    pub(super) fn take_notices(&mut self, now: PhysicalTime) -> Vec<String> {
+        let text = |opening: &mut Opening| {
+            opening.tell.take_if(|at| *at <= now)?;
+            let Opening { address, reason, .. } = opening;
+            Some(format!("trying again to reach the federate at {address}: {reason}"))
+        };
+        self.by_peer.values_mut().filter_map(text).collect()
     }
 }
 
@@ -155,6 +172,44 @@ mod tests {
         let reason = openings.failed(PEER, &reset, at(1_060)).unwrap();
         assert!(reason.starts_with("at tcp:127.0.0.1:7: it closes links"), "{reason}");
         assert!(!openings.contains(PEER));
+    }
+
+    #[test]
+    fn a_link_that_opens_at_the_second_attempt_is_not_told() {
+        let mut openings = openings();
+        openings.failed(PEER, &io::ErrorKind::ConnectionReset.into(), at(0));
+        assert_eq!(openings.take_due(at(1)), [PEER]);
+        assert!(openings.take_notices(at(1)).is_empty());
+        openings.end(PEER);
+        assert_eq!(openings.next_wakeup(), None);
+        assert!(openings.take_notices(at(60)).is_empty());
+    }
+
+    #[test]
+    fn a_link_that_stays_closed_is_told_once_with_the_latest_reason() {
+        let mut openings = openings();
+        openings.failed(PEER, &io::ErrorKind::ConnectionReset.into(), at(0));
+        openings.take_due(at(1));
+        openings.failed(PEER, &io::Error::other("no such listener"), at(1));
+        assert_eq!(openings.take_due(PhysicalTime(2 * SECOND - 1)), [PEER]);
+        assert!(openings.take_notices(PhysicalTime(2 * SECOND - 1)).is_empty());
+        // The third attempt is under way and may take long: the loop wakes up for the message alone.
+        assert_eq!(openings.next_wakeup(), Some(Clock::at(at(2))));
+        let told = "trying again to reach the federate at tcp:127.0.0.1:7: no such listener";
+        assert_eq!(openings.take_notices(at(2)), [told]);
+        assert_eq!(openings.next_wakeup(), None);
+        openings.failed(PEER, &io::Error::other("another reason"), at(3));
+        assert!(openings.take_notices(at(60)).is_empty());
+    }
+
+    #[test]
+    fn a_link_that_is_given_up_is_an_error_and_not_told() {
+        let mut openings = openings();
+        let reset = io::ErrorKind::ConnectionReset.into();
+        assert_eq!(openings.failed(PEER, &reset, at(0)), None);
+        assert!(openings.failed(PEER, &reset, at(60)).is_some());
+        assert!(openings.take_notices(at(60)).is_empty());
+        assert_eq!(openings.next_wakeup(), None);
     }
 
     #[test]

@@ -26,7 +26,8 @@ pub struct Reach {
     /// `HOST` or `HOST:PORT` under which other machines reach this federate, if that is not where
     /// its connection to the RTI begins; or [`THROUGH_AGENT`].
     pub advertise: Option<String>,
-    /// Called once if the RTI is not there yet, with a message for the user.
+    /// Called with a message for the user: once if the RTI is not there yet, and once for each peer to which no link
+    /// opens for some seconds.
     pub notice: Option<fn(&str)>,
     /// Whether the user has interrupted the search.
     pub interrupted: Option<fn() -> bool>,
