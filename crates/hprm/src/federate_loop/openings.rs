@@ -19,7 +19,7 @@ use crate::{Address, Clock, nanoseconds};
 
 /// How long after its first failed attempt a link may open without a message to the user. Between agents, which take a
 /// moment to find one another, first attempts fail in a normal start.
-const NOTICE_AFTER: Nanos = 2_000_000_000;
+const NOTICE_AFTER: Nanos = 5_000_000_000;
 
 /// The links that are being opened.
 pub(super) struct Openings {
