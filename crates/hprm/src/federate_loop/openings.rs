@@ -191,14 +191,14 @@ mod tests {
         openings.failed(PEER, &io::ErrorKind::ConnectionReset.into(), at(0));
         openings.take_due(at(1));
         openings.failed(PEER, &io::Error::other("no such listener"), at(1));
-        assert_eq!(openings.take_due(PhysicalTime(2 * SECOND - 1)), [PEER]);
-        assert!(openings.take_notices(PhysicalTime(2 * SECOND - 1)).is_empty());
+        assert_eq!(openings.take_due(PhysicalTime(NOTICE_AFTER - 1)), [PEER]);
+        assert!(openings.take_notices(PhysicalTime(NOTICE_AFTER - 1)).is_empty());
         // The third attempt is under way and may take long: the loop wakes up for the message alone.
-        assert_eq!(openings.next_wakeup(), Some(Clock::at(at(2))));
+        assert_eq!(openings.next_wakeup(), Some(Clock::at(PhysicalTime(NOTICE_AFTER))));
         let told = "trying again to reach the federate at tcp:127.0.0.1:7: no such listener";
-        assert_eq!(openings.take_notices(at(2)), [told]);
+        assert_eq!(openings.take_notices(PhysicalTime(NOTICE_AFTER)), [told]);
         assert_eq!(openings.next_wakeup(), None);
-        openings.failed(PEER, &io::Error::other("another reason"), at(3));
+        openings.failed(PEER, &io::Error::other("another reason"), at(6));
         assert!(openings.take_notices(at(60)).is_empty());
     }
 
