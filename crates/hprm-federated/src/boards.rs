@@ -99,8 +99,8 @@ struct Line {
     received: usize,
     /// The level before which the receiver has to know its messages, as in [`Edge::shift`](crate::Edge::shift).
     level: u32,
-    /// Whether its receiver has joined after its sender had died, and gets nothing of it.
-    void: bool,
+    /// Whether its sender had ended before its receiver has joined, and so perhaps before that has got to know it.
+    late: bool,
 }
 
 /// See the module.
@@ -178,7 +178,7 @@ impl Boards {
             if !leading_from[from].contains(&to) {
                 leading_from[from].push(to);
             }
-            lines.push(Line { from, to, sent, received, level, void: false });
+            lines.push(Line { from, to, sent, received, level, late: false });
         }
         let downstream: Vec<_> = topology.reachable(me).into_iter().collect();
         Self {
@@ -287,6 +287,7 @@ impl Boards {
         let known = self.postings.get(from).filter(|_| from != self.me);
         if known.is_some_and(|known| known.tallies.len() == posting.tallies.len()) {
             self.postings[from] = posting;
+            self.lives.silent.remove(&from);
             self.refresh(from);
         }
     }
@@ -407,7 +408,10 @@ impl Boards {
     fn unread_on(&self, line: Line) -> Option<Step> {
         let sent = self.counted_by(line.from, line.sent, line.to);
         let received = self.counted_by(line.to, line.received, line.from);
-        if sent.messages <= received.messages || self.has_met_a_successor(line) {
+        if sent.messages <= received.messages
+            || self.has_met_a_successor(line)
+            || self.have_not_met(line)
+        {
             return None;
         }
         // Tags on a channel increase. Of several unread messages only the tag of the last one is known.

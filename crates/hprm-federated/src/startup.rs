@@ -209,17 +209,6 @@ impl Startup {
         self.early.push_back(early);
     }
 
-    /// What has been kept of messages on some channels.
-    pub(crate) fn take_kept(
-        &mut self,
-        is_taken: impl Fn(ChannelId) -> bool,
-    ) -> VecDeque<EarlyMessage> {
-        let early = std::mem::take(&mut self.early).into_iter();
-        let (taken, kept) = early.partition(|early| is_taken(early.channel));
-        self.early = kept;
-        taken
-    }
-
     /// The first frame on a direct link that this side has opened.
     pub(crate) fn peer_hello(&self, from: FederateId) -> Frame {
         Frame::PeerHello { protocol: PROTOCOL, federation: self.federation, from }

@@ -31,6 +31,8 @@ pub(super) struct Lives {
     absent: BTreeSet<FederateId>,
     /// Federates whose processes have been killed, and of which something may still be read.
     dying: BTreeSet<FederateId>,
+    /// Federates that are about to join, or have, and have shown nothing yet.
+    pub(super) silent: BTreeSet<FederateId>,
 }
 
 impl Lives {
@@ -40,6 +42,7 @@ impl Lives {
             first: Table::filled(federates, Tag::NEVER),
             absent: BTreeSet::new(),
             dying: BTreeSet::new(),
+            silent: BTreeSet::new(),
         }
     }
 }
@@ -70,6 +73,12 @@ impl Boards {
         self.refresh(federate);
     }
 
+    /// A process is about to join as that federate, and does nothing before.
+    pub(crate) fn awaits(&mut self, federate: FederateId) {
+        self.lives.silent.insert(federate);
+        self.is_without(federate);
+    }
+
     /// A federate starts late, at `first` or later.
     pub(crate) fn joins(&mut self, federate: FederateId, first: Tag) {
         self.lives.absent.remove(&federate);
@@ -78,9 +87,9 @@ impl Boards {
         let posting = &mut self.postings[federate];
         posting.next = posting.next.max(Step::begin(first));
         for at in 0..self.lines.len() {
-            let Line { from, to, void, .. } = self.lines[at];
+            let Line { from, to, late, .. } = self.lines[at];
             let is_over = self.has_ended(from) || self.lives.dying.contains(&from);
-            self.lines[at].void = from != federate && (void || to == federate && is_over);
+            self.lines[at].late = from != federate && (late || to == federate && is_over);
         }
         self.refresh(federate);
     }
@@ -92,10 +101,11 @@ impl Boards {
 
     /// The process that is that federate has been killed.
     pub(crate) fn dies(&mut self, federate: FederateId) {
+        self.lives.silent.remove(&federate);
         if !self.lives.absent.contains(&federate) {
             self.lives.dying.insert(federate);
-            self.bury();
         }
+        self.bury();
     }
 
     /// All has been read that a federate has sent to this one before it was killed.
@@ -157,12 +167,13 @@ impl Boards {
         let life = self.lives.current[federate];
         // What others read does not matter here; those that are woken up too early because of that wait again.
         let matters = |to| to == self.me || self.upstream.contains(&to);
-        let lines = self.lines.iter().filter(|line| line.from == federate && !line.void);
-        let mut lines = lines.filter(|line| matters(line.to));
+        let lines = self.lines.iter().filter(|line| line.from == federate);
+        let mut lines = lines.filter(|line| matters(line.to) && !self.have_not_met(**line));
         lines.any(|line| {
             let counted = self.postings[line.to].tallies[line.received];
             let has_read = counted.life == life && counted.messages == ALL;
-            let is_over = self.has_ended(line.to) || self.lives.dying.contains(&line.to);
+            let is_over = self.has_ended(line.to) && !self.lives.silent.contains(&line.to)
+                || self.lives.dying.contains(&line.to);
             !has_read && !is_over && !self.has_met_a_successor(*line)
         })
     }
@@ -170,6 +181,12 @@ impl Boards {
     /// Whether the receiver of a channel has read all of the sender's process, because it has met a later one.
     pub(super) fn has_met_a_successor(&self, line: Line) -> bool {
         self.postings[line.to].tallies[line.received].life > self.lives.current[line.from]
+    }
+
+    /// Whether the receiver of a channel has joined after its sender had ended, and gets nothing of it, as its board shows.
+    pub(super) fn have_not_met(&self, Line { from, to, received, late, .. }: Line) -> bool {
+        let is_shown = late && !self.lives.silent.contains(&to);
+        is_shown && self.postings[to].tallies[received].life < self.lives.current[from]
     }
 
     /// The federate at the other end of one of this federate's channels.

@@ -5,7 +5,6 @@ use std::collections::BTreeSet;
 use hprm_core::{FederateId, Nanos, PhysicalTime, Tag};
 
 use super::{Coordinator, Federate};
-use crate::startup::EarlyMessage;
 use crate::stop::Stop;
 use crate::{End, Frame, Output};
 
@@ -107,9 +106,6 @@ impl Federate {
             self.fail_on_lost_frames(peer);
             return;
         }
-        if !in_order && self.reads_boards() && self.startup.start().is_none() {
-            self.take_nothing_of(peer);
-        }
         if self.startup.is_linked(peer) && !self.resigned.contains(&peer) {
             let until = if in_order { PhysicalTime::FOREVER } else { now.plus(self.explanation) };
             self.lingering.insert(peer, Lingering { until, in_order });
@@ -123,20 +119,6 @@ impl Federate {
         // What it sent on a direct link may still be in transit.
         if !self.startup.is_linked(peer) {
             self.closed(peer);
-        }
-    }
-
-    /// A federate has been killed before this one has started. Those that have met this one later do not know that something
-    /// of it may have come here: nothing does.
-    fn take_nothing_of(&mut self, peer: FederateId) {
-        let channels = self.topology.channels();
-        let is_of_it = |id| channels.get(id).is_some_and(|channel| channel.from == peer);
-        for EarlyMessage { payload, .. } in self.startup.take_kept(is_of_it) {
-            self.outputs.push_back(Output::Discard { payload });
-        }
-        if self.startup.is_linked(peer) {
-            self.outputs.push_back(Output::Disconnect(peer));
-            self.startup.unlink(peer);
         }
     }
 

@@ -172,7 +172,7 @@ impl Federate {
     /// The federate does nothing before it starts, which is to come.
     fn include_on_boards(&mut self, federate: FederateId) {
         if let Some(showing) = &mut self.showing {
-            showing.boards.is_without(federate);
+            showing.boards.awaits(federate);
         }
         self.meet_on_boards(federate);
     }

@@ -16,6 +16,10 @@ impl Federate {
             return;
         }
         let EarlyMessage { channel, tag, payload } = message;
+        if self.is_of_one_not_met(channel) {
+            self.outputs.push_back(Output::Discard { payload });
+            return;
+        }
         self.flow.arrived(channel, tag, &payload);
         if tag < self.first {
             self.discard(channel, tag, payload);
@@ -35,6 +39,13 @@ impl Federate {
             self.reached(self.current);
         }
         self.outputs.push_back(Output::Deliver { channel, tag, payload });
+    }
+
+    /// With boards: whether a message is of a federate that has ended before this one has got to know it. It is of a tag
+    /// before this one has joined, and the others see on its board that it counts none of them.
+    fn is_of_one_not_met(&self, channel: ChannelId) -> bool {
+        let from = self.topology.channels().get(channel).map(|channel| channel.from);
+        self.reads_boards() && from.is_some_and(|from| self.startup.life(from).is_none())
     }
 
     /// A message that gets its tag here, so long after the start.

@@ -89,7 +89,7 @@ impl Federate {
             Some(_) if !is_near => elsewhere.meet(&self.topology, self.me, federate),
             Some(_) => {}
         }
-        if let Some(life) = life.filter(|_| self.topology.is_transient(federate)) {
+        if let Some(life) = life.filter(|_| self.topology.has_transients()) {
             boards.meet(&self.topology, federate, life);
         }
     }

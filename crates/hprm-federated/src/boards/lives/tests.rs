@@ -122,18 +122,27 @@ fn a_receiver_of_one_that_was_killed_has_read_all_when_it_has_noticed_its_end() 
 }
 
 #[test]
-fn a_receiver_that_joins_later_gets_nothing_of_one_that_was_killed() {
+fn a_receiver_that_joins_later_shows_whether_it_gets_something_of_one_that_has_ended() {
     let text = "transient a\ntransient b\na -> b\nb -> c";
-    let mut c = view(text, "c");
-    c.meet(B, 1);
-    c.read(A, showing(40, &[tally(0, 0, 1)]));
-    c.boards.dies(A);
-    c.boards.dies(B);
-    c.meet(B, 2);
-    c.boards.joins(B, at(60));
-    assert!(!c.boards.may_receive_from(A));
-    c.boards.bury();
+    let joined = |met: u32| {
+        let mut c = view(text, "c");
+        c.meet(B, 1);
+        c.read(A, showing(40, &[tally(1, 30, 2)]));
+        c.boards.dies(A);
+        c.boards.awaits(B);
+        c.meet(B, 2);
+        c.boards.joins(B, at(20));
+        assert!(c.known() <= at(30), "it has shown nothing yet");
+        assert!(c.boards.may_receive_from(A));
+        c.read(B, showing(60, &[tally(0, 0, met), tally(0, 0, 0)]));
+        c
+    };
+    let mut c = joined(1);
+    assert!(c.known() <= at(30), "the message is on its way");
+    assert!(c.boards.may_receive_from(A));
+    let mut c = joined(0);
     assert_eq!(c.known(), at(60));
+    assert!(!c.boards.may_receive_from(A));
 }
 
 #[test]

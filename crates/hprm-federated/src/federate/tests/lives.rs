@@ -44,28 +44,26 @@ fn posted(outputs: &[Output]) -> Option<&Posting> {
     posted.into_iter().next()
 }
 
-fn has_delivered(outputs: &[Output]) -> bool {
-    outputs.iter().any(|output| matches!(output, Output::Deliver { .. }))
-}
-
 #[test]
-fn one_that_has_not_started_takes_nothing_of_one_that_is_killed() {
+fn one_that_joins_takes_nothing_of_one_that_it_has_not_met() {
     let text = "transient a\ntransient b\na -> b\nb -> c";
-    let from = FederateId(0);
-    let early = Input::FromPeer { from, frame: message(0, at(50)) };
-    let mut b = linked(text, "b", &[0, 2]);
-    assert!(input(&mut b, 0, early.clone()).is_empty());
-    assert!(has_delivered(&start(&mut b, at(10))), "it is no early message for nothing");
-
-    let mut b = linked(text, "b", &[0, 2]);
-    input(&mut b, 0, early);
-    let outputs = input(&mut b, 0, gone(0));
-    let discarded = outputs.iter().any(|output| matches!(output, Output::Discard { .. }));
-    assert!(discarded && outputs.contains(&Output::Disconnect(from)), "{outputs:?}");
-    assert!(!has_delivered(&start(&mut b, at(10))));
-    let outputs = input(&mut b, 20, Input::NextEvent(at(20)));
-    let read_all = Tally { messages: u64::MAX, latest: Tag::NEVER, life: 1 };
-    assert_eq!(posted(&outputs).map(|posting| posting.tallies[0]), Some(read_all));
+    let delivers = |others: &[u16]| {
+        let mut b = linked(text, "b", others);
+        input(&mut b, 0, Input::PeerUp(FederateId(0)));
+        let early = Input::FromPeer { from: FederateId(0), frame: message(0, at(50)) };
+        assert!(input(&mut b, 0, early).is_empty());
+        let outputs = start(&mut b, at(10));
+        let is_delivered = |output: &Output| matches!(output, Output::Deliver { .. });
+        let is_discarded = |output: &Output| matches!(output, Output::Discard { .. });
+        let delivered = outputs.iter().any(is_delivered);
+        assert_ne!(delivered, outputs.iter().any(is_discarded));
+        let outputs = input(&mut b, 20, Input::NextEvent(at(20)));
+        (delivered, posted(&outputs).map(|posting| posting.tallies[0]))
+    };
+    let one = Tally { messages: 1, latest: at(50), life: 1 };
+    let none = Tally { messages: 0, latest: Tag::NEVER, life: 0 };
+    assert_eq!(delivers(&[0, 2]), (true, Some(one)));
+    assert_eq!(delivers(&[2]), (false, Some(none)));
 }
 
 #[test]
