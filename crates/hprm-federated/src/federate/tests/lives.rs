@@ -92,7 +92,7 @@ fn a_federate_answers_about_one_that_joins_when_it_shows_that_it_knows_it() {
 }
 
 #[test]
-fn nothing_is_sent_to_a_successor_before_the_other_end_of_the_former_link_has_been_read() {
+fn a_successor_is_met_when_the_link_to_its_predecessor_has_been_read_to_its_end() {
     let text = "transient b\na -> b after 1\nb -> a";
     let (b, second) = (FederateId(1), Input::FromRti(Frame::Joining { peer: peer(1, 2) }));
     let mut a = linked(text, "a", &[1]);
@@ -110,4 +110,50 @@ fn nothing_is_sent_to_a_successor_before_the_other_end_of_the_former_link_has_be
     outputs.extend(input(&mut a, 3, Input::PeerUp(b)));
     outputs.extend(input(&mut a, 3, Input::NextEvent(at(7))));
     assert!(is_met(&outputs), "{outputs:?}");
+}
+
+#[test]
+fn nothing_is_sent_to_one_that_joins_before_it_is_met() {
+    let (x, b) = (FederateId(0), FederateId(2));
+    let mut a = linked("transient x\ntransient b\nx -> a\na -> b", "a", &[0]);
+    start(&mut a, Tag::START);
+    input(&mut a, 1, Input::NextEvent(at(5)));
+    // Its link still brings what it has sent.
+    input(&mut a, 1, gone(x.0));
+    input(&mut a, 1, Input::FromRti(Frame::Joining { peer: peer(b.0, 1) }));
+    input(&mut a, 1, Input::PeerUp(b));
+    let sent = |a: &mut Federate| {
+        let send = Input::Send { channel: ChannelId(1), tag: at(5), payload: Payload::default() };
+        let outputs = input(a, 5, send);
+        outputs.iter().any(|output| matches!(output, Output::ToPeer { .. }))
+    };
+    assert!(!sent(&mut a));
+    input(&mut a, 6, Input::PeerLost(x));
+    input(&mut a, 6, Input::NextEvent(at(7)));
+    assert!(sent(&mut a));
+}
+
+#[test]
+fn a_federate_does_not_answer_about_one_that_joins_before_it_shows_what_it_has_read() {
+    // It exchanges nothing with the one that joins, which reads its board.
+    let mut a = linked("c -> a\na -> d\nd -> b\ntransient b", "a", &[0, 2]);
+    start(&mut a, Tag::START);
+    let c = FederateId(0);
+    let tallies = vec![Tally { messages: 0, latest: Tag::NEVER, life: 1 }];
+    let next = Step::begin(at(100));
+    let posting = Posting { next, waits: Step::NEVER, departs: false, ended: false, tallies };
+    input(&mut a, 1, Input::NextEvent(at(9)));
+    input(&mut a, 1, Input::Board { from: c, posting });
+    input(&mut a, 1, Input::NextEvent(at(9)));
+    input(&mut a, 5, Input::FromPeer { from: c, frame: message(0, at(5)) });
+    input(&mut a, 5, Input::FromRti(Frame::Joining { peer: peer(3, 1) }));
+    let met = |outputs: Vec<Output>| {
+        outputs.iter().any(|output| matches!(output, Output::ToRti(Frame::Met { .. })))
+    };
+    // It begins the tag at once, and posts nothing before.
+    assert!(!met(input(&mut a, 5, Input::NextEvent(at(5)))));
+    assert_eq!(a.permission(at(5), START.plus(5)), Permission::Granted);
+    input(&mut a, 5, Input::Begun(at(5)));
+    input(&mut a, 5, Input::Completed(at(5)));
+    assert!(met(input(&mut a, 5, Input::NextEvent(at(9)))));
 }
