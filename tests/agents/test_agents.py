@@ -309,7 +309,7 @@ def test_an_agent_that_ends_tells_the_other_one(machines: Machines, coordination
     outcomes = [finish(process) for process in [rti, *federates]]
     assert [code for code, _, _ in outcomes] == [1, 1, 1, 1]
     # Two federates of that machine have links to the RTI, and direct ones to the third federate.
-    links = 2 if coordination == "centralized" else 4
+    links = 4
     agent = machines.agents["robot1"]
     assert agent.stderr is not None
     # The processes end with the first link; the agent may hear of the others later.

@@ -437,7 +437,7 @@ impl Agent {
     fn end(mut self) {
         let now = Clock::local();
         for link in self.links.values_mut() {
-            link.handle(now, Input::Abort(format!("the agent of {} has ended", self.me.machine)));
+            link.abort_at_last(now, format!("the agent of {} has ended", self.me.machine));
         }
         self.links.clear();
         self.carrier.close();

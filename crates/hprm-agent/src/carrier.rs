@@ -154,6 +154,8 @@ struct Inbox {
 pub(crate) struct Way {
     session: zenoh::Session,
     key: KeyExpr<'static>,
+    /// What becomes of a packet for which there is no room.
+    congestion: CongestionControl,
 }
 
 impl Carrier {
@@ -297,7 +299,7 @@ impl Carrier {
         let rest = format!("links/{agent}/{}/{number:016x}", self.me);
         let key = KeyExpr::try_from(router::key(router.as_deref(), &rest));
         let key = key.map_err(|error| error.to_string())?;
-        Ok(Way { session: self.session.clone(), key })
+        Ok(Way { session: self.session.clone(), key, congestion: CongestionControl::Drop })
     }
 
     /// Sends one packet of a link for which there is no way.
@@ -321,11 +323,16 @@ impl AsFd for Carrier {
 }
 
 impl Way {
+    /// From now on, packets wait until there is room: they are the last ones, and nothing sends them again.
+    pub(crate) fn insist(&mut self) {
+        self.congestion = CongestionControl::Block;
+    }
+
     /// Sends a packet, or drops it.
     pub(crate) fn send(&self, packet: Vec<u8>) {
         let put = self.session.put(&self.key, packet);
         // A session that has ended carries nothing; the link notices the silence.
-        let _ = put.congestion_control(CongestionControl::Drop).express(true).wait();
+        let _ = put.congestion_control(self.congestion).express(true).wait();
     }
 }
 

@@ -114,6 +114,12 @@ impl Link {
         self.proceed(now);
     }
 
+    /// The agent ends, and tells the other end.
+    pub(crate) fn abort_at_last(&mut self, now: PhysicalTime, why: String) {
+        self.way.insist();
+        self.handle(now, Input::Abort(why));
+    }
+
     /// The socket may be ready. What it has is read into a buffer as long as a frame may be.
     pub(crate) fn socket_ready(&mut self, now: PhysicalTime, buffer: &mut [u8]) {
         self.read(now, buffer);

@@ -14,7 +14,8 @@
 //! for the cause; in the second, the bound for unread messages does. Steps increase along the way, so it ends.
 //!
 //! So nothing depends on the order in which memory is written: a message may reach its receiver before or after the
-//! board that counts it. What transient federates make of that is in `lives`. How boards get from one process to another is up to the driver.
+//! board that counts it. What transient federates make of that is in `lives`. How boards get from one process to
+//! another is up to the driver.
 
 use hprm_core::{ChannelId, FederateId, Table, Tag};
 use serde::{Deserialize, Serialize};
@@ -31,8 +32,8 @@ pub struct Tally {
     pub messages: u64,
     /// The tag of the last one; `NEVER` if there was none.
     pub latest: Tag,
-    /// Which process at the other end they were for, or of, if that is a transient federate: the later it has joined, the
-    /// greater; zero for none yet.
+    /// Which process at the other end they were for, or of: how many have joined as that federate, up to that one. Zero for
+    /// none yet, and without transient federates.
     pub life: u32,
 }
 

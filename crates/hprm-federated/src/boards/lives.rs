@@ -1,6 +1,6 @@
 //! Federates that come and go, as boards tell it: transient ones.
 //!
-//! Each process that is a transient federate has a number, its life, and the other end of a channel counts from zero for
+//! Where there are transient federates, each process has a number, its life, and the other end of a channel counts from zero for
 //! each. What was counted for a former process does not count for its successor, whichever of the two boards is read later.
 //!
 //! One that joins does nothing before a tag that all others have agreed to: each answers from which tag on it takes that
@@ -8,7 +8,8 @@
 //!
 //! One that leaves shows that it has ended, with all that it has sent. One that is killed shows nothing more, and may have sent
 //! what it has not counted. So its last posting counts until all that could get something of it have read its link to
-//! the end, and show that. In between, it has not ended, as far as boards tell.
+//! the end, and show that. In between, it has not ended, as far as boards tell. One of those receivers may itself have
+//! joined when the killed one had ended already: its tallies show whether it got to know that one, and takes something of it.
 
 use std::collections::BTreeSet;
 
@@ -23,7 +24,7 @@ const ALL: u64 = u64::MAX;
 /// See the module.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(super) struct Lives {
-    /// The number of the process that is each federate, if the federate is transient.
+    /// The number of the process that is each federate; zero for none yet, and without transient federates.
     current: Table<FederateId, u32>,
     /// Before which tag a process does nothing, because it has joined late.
     pub(super) first: Table<FederateId, Tag>,

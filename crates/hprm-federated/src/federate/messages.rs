@@ -44,8 +44,9 @@ impl Federate {
     /// With boards: whether a message is of a federate that has ended before this one has got to know it. It is of a tag
     /// before this one has joined, and the others see on its board that it counts none of them.
     fn is_of_one_not_met(&self, channel: ChannelId) -> bool {
-        let from = self.topology.channels().get(channel).map(|channel| channel.from);
-        self.reads_boards() && from.is_some_and(|from| self.startup.life(from).is_none())
+        let joins_late = self.reads_boards() && self.topology.is_transient(self.me);
+        let from = || self.topology.channels().get(channel).map(|channel| channel.from);
+        joins_late && from().is_some_and(|from| self.startup.life(from).is_none())
     }
 
     /// A message that gets its tag here, so long after the start.
