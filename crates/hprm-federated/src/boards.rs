@@ -51,6 +51,12 @@ pub(crate) struct Reading {
 }
 
 impl Reading {
+    /// The other one, if a federate is the reader or the owner.
+    pub(crate) fn partner_of(self, federate: FederateId) -> Option<FederateId> {
+        let Self { reader, owner, .. } = self;
+        if reader == federate { Some(owner) } else { (owner == federate).then_some(reader) }
+    }
+
     /// What the reader gets of the owner, its board and perhaps its notifier: for each, whether it is the notifier.
     pub(crate) fn descriptors(self) -> impl Iterator<Item = bool> {
         [false, true].into_iter().take(1 + usize::from(self.wakes))

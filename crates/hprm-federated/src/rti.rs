@@ -37,7 +37,7 @@ use self::join::{Candidate, Member};
 use self::traffic::Traffic;
 use self::watch::Watch;
 pub use self::watch::{HangTimeout, show_silence};
-use crate::boards::{Reading, readings};
+use crate::boards::readings;
 use crate::{Fault, FederationId, Frame, Missing, Refusal, Step, Topology, log};
 
 /// A connection that the driver has accepted. The driver never uses a number twice.
@@ -283,10 +283,7 @@ impl Rti {
         let mut concerned = self.topology.neighbours(federate).clone();
         if self.boards && self.topology.is_transient(federate) {
             let readings = readings(&self.topology).into_iter();
-            concerned.extend(readings.flat_map(|Reading { reader, owner, .. }| {
-                let other = if reader == federate { Some(owner) } else { None };
-                other.or((owner == federate).then_some(reader))
-            }));
+            concerned.extend(readings.filter_map(|it| it.partner_of(federate)));
         }
         concerned.into_iter().collect()
     }

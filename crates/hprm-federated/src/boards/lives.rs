@@ -61,7 +61,7 @@ impl Boards {
             let (channel, tally) = self.own[at];
             if self.other_end(topology, channel) == federate {
                 self.postings[self.me].tallies[tally] = Tally { life, ..Tally::NONE };
-                (self.counted, self.unshown, self.wakes_all) = (true, 2, 2);
+                self.is_news_to_all();
             }
         }
         self.refresh(federate);
@@ -117,10 +117,15 @@ impl Boards {
             let own = &mut self.postings[self.me].tallies[tally];
             if from == Some(federate) && federate != self.me && own.life > 0 {
                 own.messages = ALL;
-                (self.counted, self.unshown, self.wakes_all) = (true, 2, 2);
+                self.is_news_to_all();
             }
         }
         self.refresh(self.me);
+    }
+
+    /// What this federate shows next matters to all downstream, whether they wait for it or not.
+    fn is_news_to_all(&mut self) {
+        (self.counted, self.unshown, self.wakes_all) = (true, 2, 2);
     }
 
     /// Whether something of the last process of a federate may still be read.

@@ -7,28 +7,28 @@ use crate::fixture::{federate, program};
 use crate::{Step, Topology};
 
 /// A federate's view of the boards of a program.
-struct View {
-    topology: Topology,
-    boards: Boards,
+pub(super) struct View {
+    pub(super) topology: Topology,
+    pub(super) boards: Boards,
 }
 
-fn view(text: &str, me: &str) -> View {
+pub(super) fn view(text: &str, me: &str) -> View {
     let program = program(text);
     let topology = Topology::new(&program);
     let boards = Boards::new(&topology, federate(&program, me));
     View { topology, boards }
 }
 
-fn at(time: i64) -> Tag {
+pub(super) fn at(time: i64) -> Tag {
     Tag::new(time, 0)
 }
 
-fn tally(messages: u64, latest: i64) -> Tally {
+pub(super) fn tally(messages: u64, latest: i64) -> Tally {
     Tally { messages, latest: if messages == 0 { Tag::NEVER } else { at(latest) }, life: 0 }
 }
 
 /// What a federate shows that does nothing before a time.
-fn showing(next: i64, tallies: &[Tally]) -> Posting {
+pub(super) fn showing(next: i64, tallies: &[Tally]) -> Posting {
     Posting { next: Step::begin(at(next)), ..posting(tallies) }
 }
 
@@ -37,11 +37,11 @@ fn posting(tallies: &[Tally]) -> Posting {
 }
 
 impl View {
-    fn read(&mut self, from: u16, posting: Posting) {
+    pub(super) fn read(&mut self, from: u16, posting: Posting) {
         self.boards.read(FederateId(from), posting);
     }
 
-    fn known(&mut self) -> Step {
+    pub(super) fn known(&mut self) -> Step {
         self.boards.known(&self.topology)
     }
 

@@ -200,7 +200,7 @@ impl Federate {
 
     /// Gives this federate's board to one that is about to join, and shares its memory.
     fn hand_board_to(&mut self, federate: FederateId) {
-        if self.reads_boards() && self.startup.shares_boards_with(federate) {
+        if self.startup.shares_boards_with(federate) {
             let readings = readings(&self.topology).into_iter();
             self.hand_out_board(readings.filter(|it| it.reader == federate));
         }

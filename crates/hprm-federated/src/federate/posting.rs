@@ -53,9 +53,8 @@ impl Federate {
         let near = |other| self.startup.shares_boards_with(other);
         let boards = Boards::new(&self.topology, self.me);
         let readings = readings(&self.topology).into_iter();
-        let readings: Vec<_> = readings
-            .filter(|it| near(if it.owner == self.me { it.reader } else { it.owner }))
-            .collect();
+        let readings: Vec<_> =
+            readings.filter(|it| it.partner_of(self.me).is_some_and(near)).collect();
         let elsewhere = Elsewhere::new();
         let shown_at = PhysicalTime(i64::MIN);
         let departing = BTreeMap::new();

@@ -44,14 +44,13 @@ fn input(machine: &mut Federate, after: i64, input: Input) -> Vec<Output> {
     outputs(machine)
 }
 
+fn peer_on(id: u16, host: u128) -> Peer {
+    let (federate, listen) = (FederateId(id), Some(format!("port {id}")));
+    Peer { federate, incarnation: 0, life: 1, host: HostId(host), listen }
+}
+
 fn peers(count: u16) -> Frame {
-    let peer = |id: u16| Peer {
-        federate: FederateId(id),
-        incarnation: 0,
-        life: 1,
-        host: HostId(u128::from(id / 2)),
-        listen: Some(format!("port {id}")),
-    };
+    let peer = |id: u16| peer_on(id, u128::from(id / 2));
     Frame::Peers { peers: (0..count).map(peer).collect(), boards: false }
 }
 
@@ -64,6 +63,26 @@ fn started(text: &str, name: &str, count: u16, linked: &[u16]) -> Federate {
         input(&mut machine, 0, Input::PeerUp(FederateId(*peer)));
     }
     input(&mut machine, 0, Input::FromRti(Frame::Start { at: START, first: Tag::START }));
+    machine
+}
+
+/// A federate that reads boards, knows those others, has linked to those that it needs, and has their boards.
+fn on_boards(text: &str, name: &str, peers: Vec<Peer>) -> Federate {
+    let mut machine = new(text, name);
+    let me = machine.me();
+    let others = peers.iter().map(|peer| peer.federate).filter(|other| *other != me);
+    let others: Vec<_> = others.collect();
+    input(&mut machine, 0, Input::FromRti(Frame::Peers { peers, boards: true }));
+    input(&mut machine, 0, Input::Loaded);
+    for peer in machine.startup.missing_links().collect::<Vec<_>>() {
+        input(&mut machine, 0, Input::PeerUp(peer));
+    }
+    for owner in others {
+        for notifier in [false, true] {
+            let board = Frame::Board { owner, reader: me, notifier };
+            input(&mut machine, 0, Input::FromRti(board));
+        }
+    }
     machine
 }
 

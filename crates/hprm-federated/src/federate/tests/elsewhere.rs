@@ -3,33 +3,11 @@
 use super::*;
 use crate::{Posting, Tally};
 
-/// The hosts of federates, in order; those with an odd one share memory with the RTI.
-fn peers_on(hosts: &[u128]) -> Frame {
-    let peer = |(id, host): (u16, &u128)| Peer {
-        federate: FederateId(id),
-        incarnation: 0,
-        life: 1,
-        host: HostId(*host),
-        listen: Some(format!("port {id}")),
-    };
-    Frame::Peers { peers: (0..).zip(hosts).map(peer).collect(), boards: true }
-}
-
-/// A federate on host 1 that has started, with all links up that it needs, and all boards that it reads there.
+/// A federate on host 1 that has started, with all links up that it needs, and all boards that it reads there. The hosts are
+/// those of all federates, in order; those with an odd one share memory with the RTI.
 fn started_on(text: &str, name: &str, hosts: &[u128]) -> Federate {
-    let mut machine = new(text, name);
-    let me = machine.me();
-    input(&mut machine, 0, Input::FromRti(peers_on(hosts)));
-    input(&mut machine, 0, Input::Loaded);
-    for peer in machine.startup.missing_links().collect::<Vec<_>>() {
-        input(&mut machine, 0, Input::PeerUp(peer));
-    }
-    for (owner, _) in (0..).map(FederateId).zip(hosts).filter(|(owner, _)| *owner != me) {
-        for notifier in [false, true] {
-            let board = Frame::Board { owner, reader: me, notifier };
-            input(&mut machine, 0, Input::FromRti(board));
-        }
-    }
+    let peers = (0..).zip(hosts).map(|(id, host)| peer_on(id, *host)).collect();
+    let mut machine = on_boards(text, name, peers);
     input(&mut machine, 0, Input::FromRti(Frame::Start { at: START, first: Tag::START }));
     machine
 }

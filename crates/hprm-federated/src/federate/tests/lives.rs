@@ -4,27 +4,13 @@ use super::*;
 use crate::{Posting, Tally};
 
 fn peer(id: u16, life: u32) -> Peer {
-    let (federate, listen) = (FederateId(id), Some(format!("port {id}")));
-    Peer { federate, incarnation: life, life, host: HostId(1), listen }
+    Peer { incarnation: life, life, ..peer_on(id, 1) }
 }
 
 /// A federate that knows those others, has linked to them and has their boards.
 fn linked(text: &str, name: &str, others: &[u16]) -> Federate {
-    let mut machine = new(text, name);
-    let me = machine.me();
-    let peers = others.iter().chain([&me.0]).map(|id| peer(*id, 1)).collect();
-    input(&mut machine, 0, Input::FromRti(Frame::Peers { peers, boards: true }));
-    input(&mut machine, 0, Input::Loaded);
-    for peer in machine.startup.missing_links().collect::<Vec<_>>() {
-        input(&mut machine, 0, Input::PeerUp(peer));
-    }
-    for owner in others.iter().copied().map(FederateId) {
-        for notifier in [false, true] {
-            let board = Frame::Board { owner, reader: me, notifier };
-            input(&mut machine, 0, Input::FromRti(board));
-        }
-    }
-    machine
+    let me = new(text, name).me();
+    on_boards(text, name, others.iter().chain([&me.0]).map(|id| peer(*id, 1)).collect())
 }
 
 fn start(machine: &mut Federate, first: Tag) -> Vec<Output> {
@@ -37,11 +23,10 @@ fn gone(id: u16) -> Input {
 
 /// What a federate has posted last.
 fn posted(outputs: &[Output]) -> Option<&Posting> {
-    let posted = outputs.iter().rev().filter_map(|output| match output {
+    outputs.iter().rev().find_map(|output| match output {
         Output::Post(posting) => Some(posting),
         _ => None,
-    });
-    posted.into_iter().next()
+    })
 }
 
 #[test]
