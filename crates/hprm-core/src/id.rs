@@ -128,6 +128,11 @@ impl<I: Id, T> Table<I, T> {
         self.entries.iter().enumerate().map(|(i, entry)| (I::from_index(i), entry))
     }
 
+    /// All entries, in order, to be changed.
+    pub fn values_mut(&mut self) -> core::slice::IterMut<'_, T> {
+        self.entries.iter_mut()
+    }
+
     /// All entries, in order.
     pub fn values(&self) -> core::slice::Iter<'_, T> {
         self.entries.iter()

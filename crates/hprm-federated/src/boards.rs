@@ -21,8 +21,10 @@ use hprm_core::{ChannelId, FederateId, Table, Tag};
 use serde::{Deserialize, Serialize};
 
 use crate::{Step, Topology};
+use found::Found;
 use lives::Lives;
 
+mod found;
 mod lives;
 
 /// How many messages one end of a channel has counted, and the tag of the last one.
@@ -124,8 +126,6 @@ pub(crate) struct Boards {
     /// What is known of the processes that are transient federates.
     lives: Lives,
     postings: Table<FederateId, Posting>,
-    /// The step of the earliest message to each federate that its sender has counted, and the federate has not.
-    unread: Table<FederateId, Step>,
     /// The last tag of the program, as far as this federate knows.
     stop: Tag,
     /// The federates downstream of this one.
@@ -136,10 +136,7 @@ pub(crate) struct Boards {
     upstream: Vec<FederateId>,
     /// The same for this federate and all downstream.
     around: Vec<FederateId>,
-    /// Through which step this federate knows its inputs, unless a board has changed since it was found.
-    known: Option<Step>,
-    /// Whether this federate has counted a message since it last posted.
-    counted: bool,
+    found: Found,
     /// How many it has counted since [`Self::show`]: none, one or several.
     unshown: u8,
     /// How many postings are of use to all downstream, of this federate's last one and the next: none, one, or both.
@@ -196,14 +193,12 @@ impl Boards {
             own,
             lives: Lives::new(federates),
             postings: counts.values().map(|count| Posting::new(*count)).collect(),
-            unread: Table::filled(federates, Step::FOREVER),
             stop: topology.timeout(),
             upstream: leading_to_any(topology, &[me]),
             around: leading_to_any(topology, &downstream),
             downstream: downstream.into_iter().filter(|other| *other != me).collect(),
             near: Table::filled(federates, true),
-            known: None,
-            counted: false,
+            found: Found::nothing(federates),
             unshown: 0,
             wakes_all: 0,
         }
@@ -241,10 +236,12 @@ impl Boards {
         self.count(at, channel, tag);
     }
 
-    /// Counts a message that has arrived.
+    /// Counts a message that has arrived, at whose tag this federate may do something.
     pub(crate) fn received(&mut self, channel: ChannelId, tag: Tag) {
         let after = self.own.partition_point(|(id, _)| *id <= channel);
         self.count(after.wrapping_sub(1), channel, tag);
+        let own = &mut self.postings[self.me];
+        own.next = own.next.min(Step::begin(tag));
     }
 
     fn count(&mut self, at: usize, channel: ChannelId, tag: Tag) {
@@ -252,8 +249,8 @@ impl Boards {
         let tally = &mut self.postings[self.me].tallies[*at];
         let messages = tally.messages.saturating_add(1);
         *tally = Tally { messages, latest: tally.latest.max(tag), ..*tally };
-        self.counted = true;
         self.unshown = (self.unshown + 1).min(2);
+        self.refresh(self.me);
     }
 
     /// How many messages this federate has counted that the others do not see on its board: none, one, or two for
@@ -266,12 +263,9 @@ impl Boards {
     pub(crate) fn post(&mut self, next: Step, departs: bool) {
         let own = &mut self.postings[self.me];
         if own.next != next {
-            self.known = None;
+            self.found.forget_known();
         }
         (own.next, own.departs) = (next, departs);
-        if std::mem::take(&mut self.counted) {
-            self.refresh(self.me);
-        }
     }
 
     /// What the others are to see from now on: all that this federate has counted, and that it waits until it knows its
@@ -279,8 +273,9 @@ impl Boards {
     pub(crate) fn show(&mut self, waits: Step) -> Posting {
         self.unshown = 0;
         self.wakes_all = self.wakes_all.saturating_sub(1);
-        self.postings[self.me].waits = waits;
-        self.own().clone()
+        let own = &mut self.postings[self.me];
+        own.waits = waits;
+        Posting { tallies: self.found.copy(&own.tallies), ..*own }
     }
 
     /// This federate has ended.
@@ -293,7 +288,8 @@ impl Boards {
     pub(crate) fn read(&mut self, from: FederateId, posting: Posting) {
         let known = self.postings.get(from).filter(|_| from != self.me);
         if known.is_some_and(|known| known.tallies.len() == posting.tallies.len()) {
-            self.postings[from] = posting;
+            let former = std::mem::replace(&mut self.postings[from], posting);
+            self.found.recycle(former.tallies);
             self.lives.silent.remove(&from);
             self.refresh(from);
         }
@@ -302,18 +298,7 @@ impl Boards {
     /// The program ends at `tag`.
     pub(crate) fn stop_at(&mut self, tag: Tag) {
         self.stop = self.stop.min(tag);
-        self.known = None;
-    }
-
-    /// Through which step this federate knows everything that can reach it, as far as the boards tell that have been
-    /// read.
-    pub(crate) fn known(&mut self, topology: &Topology) -> Step {
-        let known = self.known.unwrap_or_else(|| {
-            let arrivals = self.arrivals(topology, &self.upstream, |from| self.spontaneous(from));
-            self.through(self.me, &arrivals)
-        });
-        self.known = Some(known);
-        known
+        self.found.forget_known();
     }
 
     /// For which step a federate shows that it waits, if it does.
@@ -322,34 +307,12 @@ impl Boards {
         (waits > Step::NEVER && !self.has_ended(federate)).then_some(waits)
     }
 
-    /// The federates that share memory with this one and wait, and need not wait any more because of what this
-    /// federate shows; all, if one may join or go on because this federate has read all of one that was killed. What it knows of boards elsewhere may be old, so it takes those federates for ones that send
-    /// nothing: one that is woken up too early waits again.
-    pub(crate) fn released(&self, topology: &Topology) -> Vec<FederateId> {
-        let is_waiting = |other: &FederateId| {
-            self.near[*other] && (self.wakes_all > 0 || self.awaited_by(*other).is_some())
-        };
-        let mut waiting: Vec<_> = self.downstream.iter().copied().filter(is_waiting).collect();
-        if !waiting.is_empty() && self.wakes_all == 0 {
-            let source =
-                |from| if self.near[from] { self.spontaneous(from) } else { Step::FOREVER };
-            let arrivals = self.arrivals(topology, &self.around, source);
-            waiting.retain(|it| self.postings[*it].waits <= self.through(*it, &arrivals));
-        }
-        waiting
-    }
-
     /// How early a message can reach each federate, if this federate does nothing before a step, and no other one
     /// does anything of its own accord.
     pub(crate) fn caused_from(&self, next: Step, topology: &Topology) -> Table<FederateId, Step> {
         let all: Vec<_> = topology.federates().collect();
         let source = |from| if from == self.me { next } else { Step::FOREVER };
-        self.arrivals(topology, &all, source)
-    }
-
-    /// Through which step a federate knows everything, if messages that are still to be sent arrive as given.
-    fn through(&self, federate: FederateId, arrivals: &Table<FederateId, Step>) -> Step {
-        self.unread[federate].min(arrivals[federate]).pred()
+        self.arrivals(topology, &all, Table::filled(self.postings.len(), Step::FOREVER), source)
     }
 
     /// How early a message can still be sent to each federate that one of these sends to, and arrive there.
@@ -361,9 +324,10 @@ impl Boards {
         &self,
         topology: &Topology,
         of: &[FederateId],
+        mut arrivals: Table<FederateId, Step>,
         source: impl Fn(FederateId) -> Step,
     ) -> Table<FederateId, Step> {
-        let mut arrivals = Table::filled(self.postings.len(), Step::FOREVER);
+        arrivals.values_mut().for_each(|arrival| *arrival = Step::FOREVER);
         let mut settled = false;
         while !settled {
             settled = true;
@@ -379,54 +343,6 @@ impl Boards {
             }
         }
         arrivals
-    }
-
-    /// Before which step a federate does nothing, unless a message reaches it that has not been sent yet.
-    fn spontaneous(&self, federate: FederateId) -> Step {
-        // It may not know the last tag yet.
-        let next = self.until_stop(self.postings[federate].next);
-        self.unread[federate].min(next)
-    }
-
-    /// A federate's board has changed, and with it perhaps what its receivers have not read.
-    fn refresh(&mut self, federate: FederateId) {
-        self.known = None;
-        self.count_unread(federate);
-        for at in 0..self.leading_from[federate].len() {
-            let reader = self.leading_from[federate][at];
-            if reader != federate {
-                self.count_unread(reader);
-            }
-        }
-        self.bury();
-    }
-
-    /// What a federate that has ended has not read, it never will.
-    fn count_unread(&mut self, federate: FederateId) {
-        let lines = self.leading_to[federate].iter().map(|at| self.lines[*at]);
-        let unread = match self.has_ended(federate) {
-            true => None,
-            false => lines.filter_map(|line| self.unread_on(line)).min(),
-        };
-        let first = Step::begin(self.lives.first[federate]);
-        self.unread[federate] = unread.map_or(Step::FOREVER, |unread| unread.max(first));
-    }
-
-    fn unread_on(&self, line: Line) -> Option<Step> {
-        let sent = self.counted_by(line.from, line.sent, line.to);
-        let received = self.counted_by(line.to, line.received, line.from);
-        if sent.messages <= received.messages
-            || self.has_met_a_successor(line)
-            || self.have_not_met(line)
-        {
-            return None;
-        }
-        // Tags on a channel increase. Of several unread messages only the tag of the last one is known.
-        let tag = match sent.messages - received.messages {
-            1 => sent.latest,
-            _ => received.latest.succ().max(Tag::START),
-        };
-        Some(Step { tag, level: line.level })
     }
 }
 

@@ -673,7 +673,7 @@ where
             Output::Board { owner, notifier } => links.attach_board(owner, notifier)?,
             Output::Post(posting) => {
                 if let Some(boards) = links.boards() {
-                    boards.post(&posting);
+                    boards.post(posting);
                 }
             }
             Output::Disconnect(peer) => links.disconnect(peer),

@@ -98,6 +98,7 @@ impl Boards {
     /// This federate starts late.
     pub(crate) fn starts_at(&mut self, first: Tag) {
         self.lives.first[self.me] = first;
+        self.refresh(self.me);
     }
 
     /// The process that is that federate has been killed.
@@ -106,7 +107,7 @@ impl Boards {
         if !self.lives.absent.contains(&federate) {
             self.lives.dying.insert(federate);
         }
-        self.bury();
+        self.refresh(federate);
     }
 
     /// All has been read that a federate has sent to this one before it was killed.
@@ -125,7 +126,7 @@ impl Boards {
 
     /// What this federate shows next matters to all downstream, whether they wait for it or not.
     fn is_news_to_all(&mut self) {
-        (self.counted, self.unshown, self.wakes_all) = (true, 2, 2);
+        (self.unshown, self.wakes_all) = (2, 2);
     }
 
     /// Whether something of the last process of a federate may still be read.

@@ -45,7 +45,7 @@ impl View {
         self.boards.known(&self.topology)
     }
 
-    fn released(&self) -> Vec<FederateId> {
+    fn released(&mut self) -> Vec<FederateId> {
         self.boards.released(&self.topology)
     }
 
@@ -90,6 +90,18 @@ fn a_message_that_has_not_been_read_may_come_at_its_tag() {
     }
     c.post(100);
     assert_eq!(c.known().tag, at(80));
+}
+
+#[test]
+fn a_message_that_has_arrived_counts_before_the_scheduler_tells_the_next_event() {
+    let mut b = view("a -> b\nb -> a after 5", "b");
+    b.post(100);
+    b.read(0, showing(100, &[tally(1, 10), tally(0, 0)]));
+    assert_eq!(b.known().tag, at(10), "it is on its way");
+    b.boards.received(ChannelId(0), at(10));
+    assert_eq!(b.known().tag, at(15), "what b sends because of it may come back");
+    b.post(40);
+    assert_eq!(b.known().tag, at(45));
 }
 
 #[test]

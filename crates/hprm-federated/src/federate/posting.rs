@@ -144,8 +144,9 @@ impl Federate {
 
     /// The federates that need not wait any more because of what this federate has posted.
     #[must_use]
-    pub fn released(&self) -> Vec<FederateId> {
-        let showing = self.showing.as_ref().filter(|_| self.next_step().is_some() || self.ended);
+    pub fn released(&mut self) -> Vec<FederateId> {
+        let tells = self.next_step().is_some() || self.ended;
+        let showing = self.showing.as_mut().filter(|_| tells);
         showing.map(|showing| showing.boards.released(&self.topology)).unwrap_or_default()
     }
 
@@ -201,8 +202,8 @@ impl Federate {
         showing.boards.post(certain, departs);
         let says_less = showing.shown.is_some_and(|shown| shown.next >= certain);
         let is_known = says_less && showing.boards.unshown() <= 1 && !departs;
-        // Before that, nothing depends on it, and then this federate looks again.
-        if self.is_due(next.tag, now, start) {
+        // Before that, nothing depends on it, and then this federate looks again. Often its messages tell it enough.
+        if self.awaited(next, now, start) > Step::NEVER {
             self.learn_from_boards();
         }
         if !is_known || !self.begins_at_once(now, start) {

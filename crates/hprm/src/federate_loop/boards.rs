@@ -41,6 +41,8 @@ pub(crate) struct Boards {
     /// Whether this federate has posted since it last looked which federates that releases.
     posted: bool,
     bytes: Vec<u8>,
+    /// Room for the tallies of the next posting that is read.
+    tallies: Vec<Tally>,
 }
 
 /// What this federate has of another one.
@@ -58,7 +60,13 @@ impl Boards {
         let layout = BoardLayout { lanes: 1, cells: vec![(HEAD + TALLY * tallies) * WORD] };
         let own = Board::named(NAME, layout).map_err(|error| Failure::store(&error))?;
         own.open();
-        Ok(Self { own, others: SortedMap::new(), posted: false, bytes: Vec::new() })
+        Ok(Self {
+            own,
+            others: SortedMap::new(),
+            posted: false,
+            bytes: Vec::new(),
+            tallies: Vec::new(),
+        })
     }
 
     /// The descriptor by which others map the board of this federate.
@@ -87,9 +95,10 @@ impl Boards {
     }
 
     /// Shows something new.
-    pub(super) fn post(&mut self, posting: &Posting) {
+    pub(super) fn post(&mut self, posting: Posting) {
         self.bytes.clear();
-        write(posting, &mut self.bytes);
+        write(&posting, &mut self.bytes);
+        self.tallies = posting.tallies;
         let fits = self.own.publish(POSTING, &self.bytes);
         debug_assert!(fits, "a board has room for the tallies of its owner");
         self.posted = true;
@@ -110,22 +119,23 @@ impl Boards {
         self.others.values().any(|it| it.publications() != it.read)
     }
 
-    /// What is new.
-    pub(super) fn read(&mut self) -> Vec<(FederateId, Posting)> {
-        let mut news = Vec::new();
-        for (federate, other) in self.others.iter_mut() {
+    /// What the first of the other federates shows that shows something new, of those that `looked_at` does not count yet.
+    pub(super) fn next_news(&mut self, looked_at: &mut usize) -> Option<(FederateId, Posting)> {
+        for (federate, other) in self.others.iter_mut().skip(*looked_at) {
+            *looked_at += 1;
             let count = other.publications();
             if count == other.read {
                 continue;
             }
             let found = other.board.as_ref().filter(|it| it.read_into(POSTING, &mut self.bytes));
             // One that is being written again and again is read in the next round.
-            if let Some(posting) = found.and_then(|_| read(&self.bytes)) {
+            let posting = found.and_then(|_| read(&self.bytes, &mut self.tallies));
+            if let Some(posting) = posting {
                 other.read = count;
-                news.push((*federate, posting));
+                return Some((*federate, posting));
             }
         }
-        news
+        None
     }
 
     /// Wakes up a federate, if it sleeps.
@@ -161,11 +171,12 @@ where
 {
     /// Reads what other federates show. Returns whether anything was new.
     pub(super) fn read_boards(&mut self) -> Result<bool, Failure> {
-        let Some(boards) = self.federation.links.boards() else { return Ok(false) };
-        let news = boards.read();
-        let any = !news.is_empty();
-        for (from, posting) in news {
+        let (mut looked_at, mut any) = (0, false);
+        while let Some(boards) = self.federation.links.boards()
+            && let Some((from, posting)) = boards.next_news(&mut looked_at)
+        {
             self.handle(Input::Board { from, posting })?;
+            any = true;
         }
         Ok(any)
     }
@@ -202,14 +213,15 @@ fn write(posting: &Posting, bytes: &mut Vec<u8>) {
     }
 }
 
-/// The posting that was written so; none, if the bytes are something else.
-fn read(bytes: &[u8]) -> Option<Posting> {
+/// The posting that was written so, in room for its tallies; none, if the bytes are something else.
+fn read(bytes: &[u8], room: &mut Vec<Tally>) -> Option<Posting> {
     let (words, []) = bytes.as_chunks::<WORD>() else { return None };
     let mut words = words.iter().map(|word| u64::from_le_bytes(*word));
     let next = step(&mut words)?;
     let waits = step(&mut words)?;
     let flags = words.next()?;
-    let mut tallies = Vec::with_capacity(words.len() / TALLY);
+    let mut tallies = std::mem::take(room);
+    tallies.clear();
     while words.len() >= TALLY {
         tallies.push(tally(&mut words)?);
     }
@@ -268,12 +280,12 @@ mod tests {
             let mut bytes = Vec::new();
             write(&posting, &mut bytes);
             prop_assert_eq!(bytes.len(), (HEAD + TALLY * posting.tallies.len()) * WORD);
-            prop_assert_eq!(read(&bytes), Some(posting));
+            prop_assert_eq!(read(&bytes, &mut Vec::new()), Some(posting));
         }
 
         #[test]
         fn any_bytes_are_a_posting_or_none(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
-            if let Some(posting) = read(&bytes) {
+            if let Some(posting) = read(&bytes, &mut Vec::new()) {
                 prop_assert!(posting.tallies.len() * TALLY * WORD <= bytes.len());
             }
         }
@@ -298,15 +310,19 @@ mod tests {
         Posting { next, waits, departs: false, ended: false, tallies }
     }
 
+    fn news(boards: &mut Boards) -> Option<(FederateId, Posting)> {
+        boards.next_news(&mut 0)
+    }
+
     #[test]
     fn what_is_posted_is_news_once() {
         let [(mut a, _), (mut b, _)] = pair();
-        assert!(!b.have_news() && b.read().is_empty() && !a.take_posted());
-        a.post(&counted(1));
-        a.post(&counted(2));
+        assert!(!b.have_news() && news(&mut b).is_none() && !a.take_posted());
+        a.post(counted(1));
+        a.post(counted(2));
         assert!(b.have_news() && a.take_posted() && !a.take_posted());
-        assert_eq!(b.read(), [(FederateId(0), counted(2))]);
-        assert!(!b.have_news() && b.read().is_empty());
+        assert_eq!(news(&mut b), Some((FederateId(0), counted(2))));
+        assert!(!b.have_news() && news(&mut b).is_none());
     }
 
     #[test]
@@ -327,12 +343,12 @@ mod tests {
             let other = FederateId(1 - me);
             let mut mine = first;
             while mine < ROUNDS {
-                boards.post(&counted(mine));
+                boards.post(counted(mine));
                 assert!(boards.take_posted());
                 boards.wake_up(other);
                 let wanted = mine + 1;
                 loop {
-                    let theirs = boards.read().pop().map_or(0, |(_, it)| it.tallies[0].messages);
+                    let theirs = news(&mut boards).map_or(0, |(_, it)| it.tallies[0].messages);
                     if theirs >= wanted {
                         break;
                     }
@@ -349,7 +365,7 @@ mod tests {
                 }
                 mine += 2;
             }
-            boards.post(&counted(mine));
+            boards.post(counted(mine));
             boards.take_posted();
             boards.wake_up(other);
         };
