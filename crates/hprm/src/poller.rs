@@ -292,7 +292,9 @@ impl Poller {
         if let Some(notifier) = &self.notifier
             && ready.next().is_some_and(Ready::is_ready)
         {
-            notifier.clear();
+            if !self.sources.tells_once() {
+                notifier.clear();
+            }
             peer_activity = true;
         }
         if let Some(watch) = on.watch_mut() {
@@ -324,8 +326,8 @@ impl Poller {
     ) -> Readiness {
         let Self { notifier, sources, ids, .. } = self;
         let mut wanted = Few::new();
-        wanted.push(Source { id: ids.0, interest: to_read(wakeups) });
-        wanted.extend(notifier.iter().map(|it| Source { id: ids.1, interest: to_read(it) }));
+        wanted.push(Source::new(ids.0, to_read(wakeups)));
+        wanted.extend(notifier.iter().map(|it| Source::notifier(ids.1, it.as_fd())));
         wanted.extend(on.watch().into_iter().flat_map(WatchServer::sources));
         wanted.extend(on.shipping().and_then(Shipping::source));
         wanted.extend(on.polled_links().map(PolledLink::source));

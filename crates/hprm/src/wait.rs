@@ -70,6 +70,20 @@ pub(crate) struct Interest<'fd> {
 pub(crate) struct Source<'fd> {
     pub(crate) id: SourceId,
     pub(crate) interest: Interest<'fd>,
+    /// Whether it is ready once for each time that it has been notified, as far as the kernel can tell that.
+    pub(crate) once: bool,
+}
+
+impl<'fd> Source<'fd> {
+    /// A descriptor that is ready as long as something can be read there, or written.
+    pub(crate) fn new(id: SourceId, interest: Interest<'fd>) -> Self {
+        Self { id, interest, once: false }
+    }
+
+    /// A notifier, which need not be read where it is ready once for each notification: that saves a system call.
+    pub(crate) fn notifier(id: SourceId, fd: BorrowedFd<'fd>) -> Self {
+        Self { id, interest: Interest { fd, write: false }, once: true }
+    }
 }
 
 /// Identifies an open descriptor in this process; a later one with the same number has another identity.

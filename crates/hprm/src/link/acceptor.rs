@@ -162,11 +162,11 @@ impl LinkAcceptor {
     /// What a loop has to wait for.
     pub(crate) fn sources(&self) -> impl Iterator<Item = Source<'_>> {
         let listeners = self.listeners.iter().zip(&self.listener_ids).map(|(listener, id)| {
-            Source { id: *id, interest: Interest { fd: listener.as_fd(), write: false } }
+            Source::new(*id, Interest { fd: listener.as_fd(), write: false })
         });
-        let waiting = self.pending.iter().map(|waiting| Source {
-            id: waiting.id,
-            interest: Interest { fd: waiting.link.as_fd(), write: waiting.link.has_outbound() },
+        let waiting = self.pending.iter().map(|waiting| {
+            let write = waiting.link.has_outbound();
+            Source::new(waiting.id, Interest { fd: waiting.link.as_fd(), write })
         });
         listeners.chain(waiting).filter(|_| self.rests_until.is_none())
     }

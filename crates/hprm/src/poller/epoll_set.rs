@@ -31,16 +31,19 @@ pub(super) struct Registration {
     /// does not identify the source.
     fd: RawFd,
     write: bool,
+    once: bool,
 }
 
 impl Registration {
     fn of(source: &Source<'_>) -> Self {
-        let Source { id, interest } = source;
-        Self { id: *id, fd: interest.fd.as_raw_fd(), write: interest.write }
+        let Source { id, interest, once } = source;
+        Self { id: *id, fd: interest.fd.as_raw_fd(), write: interest.write, once: *once }
     }
 
     fn flags(self) -> EventFlags {
-        if self.write { EventFlags::IN | EventFlags::OUT } else { EventFlags::IN }
+        let write = if self.write { EventFlags::OUT } else { EventFlags::empty() };
+        let once = if self.once { EventFlags::ET } else { EventFlags::empty() };
+        EventFlags::IN | write | once
     }
 }
 
@@ -62,6 +65,11 @@ impl EpollSet {
                 wait(&interests, until)
             }
         }
+    }
+
+    /// Whether a notifier that has not been read is ready only when it is notified again.
+    pub(super) fn tells_once(&self) -> bool {
+        matches!(self, Self::Registered { .. })
     }
 
     fn try_wait(

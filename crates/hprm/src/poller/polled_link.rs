@@ -44,7 +44,7 @@ impl PolledLink {
     /// What to wait for.
     pub(crate) fn source(&self) -> Source<'_> {
         let interest = Interest { fd: self.link.as_fd(), write: self.link.waits_for_socket() };
-        Source { id: self.id, interest }
+        Source::new(self.id, interest)
     }
 
     /// Notes whether the kernel, or the loop, has found that there may be something to read.

@@ -150,7 +150,7 @@ impl Shipping {
     /// What to wait for.
     pub(crate) fn source(&self) -> Option<Source<'_>> {
         let interest = Interest { fd: self.queue.as_fd(), write: self.queue.waiting() > 0 };
-        self.is_open.then_some(Source { id: self.id, interest })
+        self.is_open.then_some(Source::new(self.id, interest))
     }
 
     /// Notes whether that is ready.

@@ -95,11 +95,10 @@ impl WatchServer {
     /// What to wait for, always in the same order.
     pub(crate) fn sources(&self) -> impl Iterator<Item = Source<'_>> {
         let to_read = |fd| Interest { fd, write: false };
-        let listener = Source { id: self.id, interest: to_read(self.listener.as_fd()) };
+        let listener = Source::new(self.id, to_read(self.listener.as_fd()));
         let listener = self.rest.until().is_none().then_some(listener);
         let watchers = self.watchers.values();
-        let watchers =
-            watchers.map(move |it| Source { id: it.id, interest: to_read(it.queue.as_fd()) });
+        let watchers = watchers.map(move |it| Source::new(it.id, to_read(it.queue.as_fd())));
         listener.into_iter().chain(watchers)
     }
 

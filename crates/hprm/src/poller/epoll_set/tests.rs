@@ -19,7 +19,7 @@ impl Opened {
     }
 
     fn source(&self, write: bool) -> Source<'_> {
-        Source { id: self.1, interest: Interest { fd: self.0.as_fd(), write } }
+        Source::new(self.1, Interest { fd: self.0.as_fd(), write })
     }
 
     fn signal(&self) {
@@ -102,10 +102,31 @@ fn what_is_waited_for_can_change() {
 fn without_epoll_the_descriptors_are_polled() {
     // A file cannot be waited for with epoll.
     let file = std::fs::File::open("/proc/self/exe").unwrap();
-    let source =
-        Source { id: SourceId::new(), interest: Interest { fd: file.as_fd(), write: false } };
+    let source = Source::new(SourceId::new(), Interest { fd: file.as_fd(), write: false });
     let mut set = EpollSet::Empty;
     assert!(set.wait(&[source], NOW)[0].can_be_read());
     assert!(matches!(set, EpollSet::Unavailable));
     assert!(set.wait(&[source], NOW)[0].can_be_read());
+}
+
+#[test]
+fn a_notifier_is_ready_once_for_each_notification_and_need_not_be_read() {
+    let mut set = EpollSet::Empty;
+    let (bell, other) = (Opened::new(), Opened::new());
+    let mut ready = |write| {
+        let sources = [Source::notifier(bell.1, bell.0.as_fd()), other.source(write)];
+        set.wait(&sources, NOW)[0].can_be_read()
+    };
+    assert!(!ready(false));
+    for _ in 0..3 {
+        bell.signal();
+        assert!(ready(false) && !ready(false));
+    }
+    // What else is waited for makes no difference.
+    assert!(!ready(true) && !ready(false));
+    bell.signal();
+    bell.signal();
+    assert!(ready(true) && !ready(true));
+    assert!(set.tells_once());
+    assert!(!EpollSet::Unavailable.tells_once());
 }
