@@ -60,7 +60,7 @@ print("gone")
 
 
 def test_entities_are_destroyed_by_themselves_and_once_more_by_their_node(run) -> None:
-    assert run(DESTROYED) == ["1 1", "0 1", "True", "False", "True False", "gone"]
+    assert run(DESTROYED) == ["1 1", "0 0", "True", "False", "True False", "gone"]
 
 
 ARITY = """
@@ -248,6 +248,7 @@ def test_signals_end_a_program_again_after_the_shutdown(bench: Bench, tmp_path: 
 
 
 NAMES = """
+from rclpy.event_handler import IncompatibleTypeInfo
 from rclpy.event_handler import QoSLivelinessChangedInfo, QoSLivelinessLostInfo
 from rclpy.event_handler import QoSMessageLostInfo, QoSPublisherMatchedInfo
 from rclpy.event_handler import QoSOfferedDeadlineMissedInfo, QoSOfferedIncompatibleQoSInfo
@@ -266,13 +267,14 @@ print(HIDDEN_NODE_PREFIX, PARAMETER_SEPARATOR_STRING)
 told = []
 def missed(event: QoSRequestedDeadlineMissedInfo):
     told.append(event)
+qos = QoSProfile(depth=1, deadline=Duration(seconds=0.05))
 def hear(message: String, info: MessageInfo):
     print(info["received_timestamp"] == node.get_clock().now().nanoseconds)
 node.create_subscription(
-    String, "chatter", hear, QoSProfile(depth=1, deadline=Duration(seconds=0.05)),
+    String, "chatter", hear, qos,
     event_callbacks=SubscriptionEventCallbacks(deadline=missed),
 )
-node.create_publisher(String, "chatter", 1).publish(String())
+node.create_publisher(String, "chatter", qos).publish(String())
 while not told:
     rclpy.spin_once(node)
 print(type(told[0]) is QoSRequestedDeadlineMissedInfo)

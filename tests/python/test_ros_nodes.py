@@ -434,7 +434,7 @@ from std_msgs.msg import UInt8MultiArray
 class Camera(Node):
     def __init__(self):
         super().__init__("camera")
-        self.publisher = self.create_publisher(UInt8MultiArray, "image", 2)
+        self.publisher = self.create_publisher(UInt8MultiArray, "image", QUALITY)
         self.create_timer(0.01, self.take)
         self.count = 0
 
@@ -470,9 +470,15 @@ rclpy.spin(node)
 """
 
 
-@pytest.mark.parametrize("keeps", [False, True])
-def test_an_array_that_only_a_message_has_is_not_copied(bench: Bench, write, keeps: bool) -> None:
-    write(camera=CAMERA.replace("KEEPS", str(keeps)), viewer=VIEWER)
+@pytest.mark.parametrize(
+    ("keeps", "quality"),
+    [(False, "2"), (True, "2"), (False, "rclpy.qos.qos_profile_sensor_data")],
+)
+def test_an_array_that_only_a_message_has_is_not_copied(
+    bench: Bench, write, keeps: bool, quality: str
+) -> None:
+    camera = CAMERA.replace("KEEPS", str(keeps)).replace("QUALITY", quality)
+    write(camera=camera, viewer=VIEWER.replace(", show, 2)", f", show, {quality})"))
     process = bench.call("ros", "run", "camera.py", "+", "viewer.py")
     assert process.stdout is not None
     copied = int(process.stdout.readline().removeprefix("[camera-1] copied "))

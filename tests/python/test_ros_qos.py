@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
-from hprm.ros import _messages, qos, qos_overriding_options
-from hprm.ros.duration import Duration
+from hprm.ros import _messages, _offers, qos, qos_overriding_options
+from hprm.ros._graph import Endpoint
+from hprm.ros.duration import Duration, Infinite
 from hprm.ros.exceptions import ParameterAlreadyDeclaredException
 from hprm.ros.qos import (
     DurabilityPolicy,
@@ -21,6 +22,7 @@ from hprm.ros.qos import (
     QoSProfile,
     ReliabilityPolicy,
     qos_check_compatible,
+    qos_profile_best_available,
 )
 from hprm.ros.qos_overriding_options import (
     InvalidQosOverridesError,
@@ -261,6 +263,70 @@ class Node:
 
     def get_parameter(self, name: str) -> Value:
         return Value(self.parameters[name])
+
+
+def endpoint(kind: Any, profile: QoSProfile) -> Endpoint:
+    """Describe an endpoint of the one topic that there is."""
+    return Endpoint(kind, "/node", "/topic", "a/msg/B", _offers.described(kind, profile, 1))
+
+
+ANYTHING = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    liveliness=LivelinessPolicy.AUTOMATIC,
+)
+ALL = QoSProfile(
+    depth=1,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    deadline=Duration(nanoseconds=1),
+    liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+    liveliness_lease_duration=Duration(nanoseconds=1),
+)
+NEVER = QoSProfile(depth=1, deadline=Infinite, liveliness_lease_duration=Infinite)
+
+
+@pytest.mark.parametrize(
+    ("publisher", "subscription", "policy"),
+    [
+        (ANYTHING, ANYTHING, None),
+        (ALL, ALL, None),
+        (ALL, ANYTHING, None),
+        # The first one that does not fit is told.
+        (ANYTHING, ALL, QoSPolicyKind.RELIABILITY),
+        (QoSProfile(depth=1), ALL, QoSPolicyKind.DURABILITY),
+        (QoSProfile(depth=1), NEVER, None),
+        (NEVER, QoSProfile(depth=1), None),
+        (qos_profile_best_available, ALL, None),
+        (ANYTHING, qos_profile_best_available, None),
+        (QoSPresetProfiles.SYSTEM_DEFAULT.value, QoSProfile(depth=1), None),
+        (ANYTHING, QoSPresetProfiles.SYSTEM_DEFAULT.value, None),
+    ],
+)
+def test_endpoints_exchange_messages_if_a_publisher_offers_enough(
+    publisher: QoSProfile, subscription: QoSProfile, policy: QoSPolicyKind | None
+) -> None:
+    one, other = endpoint("publisher", publisher), endpoint("subscription", subscription)
+    assert _offers.mismatch(one, other) is _offers.mismatch(other, one) is policy
+    request = _offers.Request(other, str)
+    sent = _offers.Offer(one).beside("news")
+    assert request.message_of(sent) == ("news" if policy is None else None)
+    assert request.message_of(_offers.Offer(one).beside(3)) is None
+    assert _offers.message_of(sent) == "news"
+
+
+def test_endpoints_elsewhere_exchange_messages_in_any_case() -> None:
+    strict = endpoint("subscription", ALL)
+    there = Endpoint(
+        "publisher",
+        "/there",
+        "/topic",
+        "a/msg/B",
+        _offers.elsewhere({"reliability": "BEST_EFFORT", "durability": "VOLATILE", "depth": 1}),
+    )
+    assert _offers.mismatch(there, strict) is None
+    sent = _offers.from_elsewhere("news")
+    assert _offers.Request(strict, str).message_of(sent) == _offers.message_of(sent) == "news"
+    assert not _offers.is_kept(sent)
 
 
 def test_parameters_override_a_profile() -> None:

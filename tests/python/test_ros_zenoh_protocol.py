@@ -9,6 +9,7 @@ import pytest
 import hprm.ros  # noqa: F401
 from hprm.ros._graph import BRIDGE, Endpoint
 from hprm.ros._messages.hashes import digest, interface
+from hprm.ros._offers import elsewhere
 from hprm.ros._zenoh import arrivals, attachment, keys, session, tokens
 from hprm.ros._zenoh.graph import Outside
 from hprm.ros._zenoh.numbers import Numbers
@@ -173,7 +174,7 @@ def test_flows_are_open_while_an_endpoint_elsewhere_takes_them() -> None:
         "/listener",
         "/chatter",
         "std_msgs/msg/String",
-        {"reliability": "RELIABLE", "durability": "VOLATILE", "depth": 7},
+        elsewhere({"reliability": "RELIABLE", "durability": "VOLATILE", "depth": 7}),
     )
     there = ("endpoint", BRIDGE, asdict(endpoint))
     gone = ("endpoint gone", BRIDGE, asdict(endpoint))

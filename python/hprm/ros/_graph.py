@@ -42,7 +42,7 @@ class Endpoint:
     #: As ``std_msgs/msg/String``.
     type: str
     #: What others have to know of its quality of service.
-    qos: dict[str, Any] = field(default_factory=dict, compare=False)
+    qos: dict[str, Any] = field(default_factory=dict, hash=False)
 
     @property
     def sends(self) -> Flow | None:

@@ -19,6 +19,7 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any, Protocol
 
 from hprm.ros._graph import Endpoint, Flow
+from hprm.ros._offers import is_kept
 
 if TYPE_CHECKING:
     from hprm.ros._federation import Process
@@ -166,7 +167,7 @@ class Keeping:
             if kept is None:
                 depth = _depth(flow, name, channel, membership)
                 kept = self._early[name, channel] = deque(maxlen=depth)
-            kept.extend(it.value)
+            kept.extend(filter(is_kept, it.value))
 
     def deliver_early(self, membership: Membership) -> None:
         """Deliver that."""

@@ -46,9 +46,9 @@ class LateEndpoints:
         elif endpoint in self._dead:
             self._dead.remove(endpoint)
 
-    def dead(self, topic: str) -> int:
-        """Return how many publishers of a topic are there, but not alive."""
-        return sum(it.name == topic for it in self._dead)
+    def dead(self) -> list[Endpoint]:
+        """Return the publishers that are there, but not alive."""
+        return list(self._dead)
 
     def left(self, script: str, declared: Iterable[Endpoint]) -> Iterator[Endpoint]:
         """Return what is still there of what a script had declared at the start."""

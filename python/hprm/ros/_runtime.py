@@ -194,9 +194,9 @@ class Runtime:
         else:
             self.request(tell)
 
-    def dead(self, topic: str) -> int:
-        """Return how many publishers of a topic are there, but not alive."""
-        return self._late.dead(topic)
+    def dead(self) -> list[Endpoint]:
+        """Return the publishers that are there, but not alive."""
+        return self._late.dead()
 
     def _own_name(self) -> str:
         return self._membership.name if self._membership else ""
@@ -205,6 +205,11 @@ class Runtime:
         """Call ``look`` in a reaction when there are other endpoints than before, and now."""
         self._lookers.append(look)
         self.request(self._see_graph)
+
+    def off_graph(self, look: Callable[[], None]) -> None:
+        """Call ``look`` no more."""
+        if look in self._lookers:
+            self._lookers.remove(look)
 
     def _see_graph(self) -> None:
         self._graph_is_new = True
@@ -749,7 +754,7 @@ class Runtime:
         assert process is not None
         if self._graph_is_new:
             self._graph_is_new = False
-            for look in self._lookers:
+            for look in list(self._lookers):
                 look()
         self.turns.settle()
         self._send_outgoing()

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from hprm.ros._graph import Flow
+from hprm.ros._offers import Offer
 
 if TYPE_CHECKING:
     from hprm.ros.node import Node
@@ -22,11 +23,13 @@ class Telling:
         """Declare the publisher; ``topic`` is the full name."""
         self._runtime = node._runtime
         self._flow = Flow("topic", topic)
-        self._runtime.declare(node._endpoint("publisher", topic, type_name, qos))
+        endpoint = node._endpoint("publisher", topic, type_name, qos)
+        self._offer = Offer(endpoint)
+        self._runtime.declare(endpoint)
 
     def tell(self, make: Callable[[], Any]) -> None:
         """Publish what ``make`` returns; before the start, that is left until then."""
-        self._runtime.tell(self._flow, make)
+        self._runtime.tell(self._flow, lambda: self._offer.beside(make()))
 
     def is_taken(self) -> bool:
         """Return whether there is a subscription, as far as that is known."""

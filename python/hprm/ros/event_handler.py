@@ -1,23 +1,24 @@
 """Callbacks for events of publishers and subscriptions, as ``rclpy.event_handler``.
 
-Four kinds of events happen here: a deadline is missed, another endpoint is there or is gone,
-publishers are alive or no more, and a queue has dropped messages. For the others,
-``UnsupportedEventTypeError`` is raised, as by rclpy for what the middleware does not tell.
+Events happen when a deadline is missed, another endpoint is there or is gone, one is there that
+does not fit, publishers are alive or no more, and a queue has dropped messages.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from hprm.ros._entity import Entity
+from hprm.ros._offers import matched, mismatch, others
 from hprm.ros.callback_groups import CallbackGroup
-from hprm.ros.exceptions import UnsupportedEventTypeError
-from hprm.ros.qos import _UNSPECIFIED, QoSPolicyKind
+from hprm.ros.exceptions import UnsupportedEventTypeError as UnsupportedEventTypeError
+from hprm.ros.qos import _UNSPECIFIED, QoSPolicyKind, qos_policy_name_from_kind
 
 if TYPE_CHECKING:
+    from hprm.ros._graph import Endpoint
     from hprm.ros.publisher import Publisher
     from hprm.ros.subscription import Subscription
 
@@ -66,15 +67,23 @@ class QoSMessageLostInfo:
 
 @dataclass(frozen=True)
 class QoSRequestedIncompatibleQoSInfo:
-    """What callbacks for policies that are not compatible take: there are no such events here."""
+    """How many publishers offer less than is requested, how many of them are new, and what."""
 
-    total_count: int = 0
-    total_count_change: int = 0
-    last_policy_kind: QoSPolicyKind = QoSPolicyKind.INVALID
+    total_count: int
+    total_count_change: int
+    last_policy_kind: QoSPolicyKind
 
 
-#: The same for publishers.
+#: The same of subscriptions that request more than a publisher offers.
 QoSOfferedIncompatibleQoSInfo = QoSRequestedIncompatibleQoSInfo
+
+
+@dataclass(frozen=True)
+class IncompatibleTypeInfo:
+    """How many endpoints have another type, and how many of them are new."""
+
+    total_count: int
+    total_count_change: int
 
 
 @dataclass(frozen=True)
@@ -123,26 +132,89 @@ class EventHandler(Entity):
         return lambda: callback(event)
 
 
-class _Matched(EventHandler):
-    """Looks how many endpoints there are at the other end."""
+class _OnGraph(EventHandler):
+    """Looks at the endpoints at the other end whenever some come or go."""
 
-    def __init__(
-        self, of: Publisher[Any] | Subscription, info: Callable[..., Any], other: str, **rest: Any
-    ) -> None:
+    def __init__(self, of: Publisher[Any] | Subscription, **rest: Any) -> None:
         super().__init__(of, **rest)
-        self._info, self._other, self._topic = info, other, of.topic
-        self._total = self._current = 0
-        self._node._runtime.on_graph(self._look)
+        self._own = self._node._endpoints[of]
+        self._node._runtime.on_graph(self._look_if_there)
+
+    def _look_if_there(self) -> None:
+        if not self._destroyed:
+            self._look()
 
     def _look(self) -> None:
-        if self._destroyed:
-            return
-        now = self._node._runtime.count(self._other, self._topic)
+        raise NotImplementedError
+
+    def destroy(self) -> None:
+        """Look no more."""
+        super().destroy()
+        self._node._runtime.off_graph(self._look_if_there)
+
+
+class _Matched(_OnGraph):
+    """Looks how many endpoints there are that it exchanges messages with."""
+
+    def __init__(
+        self, of: Publisher[Any] | Subscription, info: Callable[..., Any], **rest: Any
+    ) -> None:
+        self._info = info
+        self._total = self._current = 0
+        super().__init__(of, **rest)
+
+    def _look(self) -> None:
+        now = len(matched(self._own, self._node._runtime.endpoints()))
         change = now - self._current
         if change:
             self._total += max(change, 0)
             self._current = now
             self._waiting.append(self._info(self._total, max(change, 0), now, change))
+
+
+class _Incompatible(_OnGraph):
+    """Looks which endpoints there are that it exchanges no messages with."""
+
+    def __init__(self, of: Publisher[Any] | Subscription, **rest: Any) -> None:
+        self._total = self._current = 0
+        super().__init__(of, **rest)
+
+    def _look(self) -> None:
+        found = list(self._find(others(self._own, self._node._runtime.endpoints())))
+        change, self._current = len(found) - self._current, len(found)
+        if change > 0:
+            self._total += change
+            # The last one is the newest one.
+            self._waiting.append(self._event(change, found[-1]))
+
+    def _find(self, there: list[Endpoint]) -> Iterator[Any]:
+        raise NotImplementedError
+
+    def _event(self, change: int, why: Any) -> Any:
+        raise NotImplementedError
+
+
+class _IncompatibleQoS(_Incompatible):
+    """Looks for endpoints whose quality of service does not fit."""
+
+    def _find(self, there: list[Endpoint]) -> Iterator[QoSPolicyKind]:
+        for it in there:
+            kind = mismatch(self._own, it) if it.type == self._own.type else None
+            if kind is not None:
+                yield kind
+
+    def _event(self, change: int, why: QoSPolicyKind) -> QoSRequestedIncompatibleQoSInfo:
+        return QoSRequestedIncompatibleQoSInfo(self._total, change, why)
+
+
+class _IncompatibleType(_Incompatible):
+    """Looks for endpoints that have another type."""
+
+    def _find(self, there: list[Endpoint]) -> Iterator[str]:
+        return (it.type for it in there if it.type != self._own.type)
+
+    def _event(self, change: int, why: str) -> IncompatibleTypeInfo:
+        return IncompatibleTypeInfo(self._total, change)
 
 
 class _Deadline(EventHandler):
@@ -177,20 +249,17 @@ class _Deadline(EventHandler):
         runtime.call_at(left, self._look)
 
 
-class _Liveliness(EventHandler):
-    """Looks how many publishers of a topic are alive."""
+class _Liveliness(_OnGraph):
+    """Looks how many publishers are alive whose messages a subscription gets."""
 
     def __init__(self, of: Subscription, **rest: Any) -> None:
+        self._alive = self._dead = 0
         super().__init__(of, **rest)
-        self._topic, self._alive, self._dead = of.topic, 0, 0
-        self._node._runtime.on_graph(self._look)
 
     def _look(self) -> None:
-        if self._destroyed:
-            return
         runtime = self._node._runtime
-        dead = runtime.dead(self._topic)
-        alive = max(runtime.count("publisher", self._topic) - dead, 0)
+        dead = len(matched(self._own, runtime.dead()))
+        alive = max(len(matched(self._own, runtime.endpoints())) - dead, 0)
         changes = alive - self._alive, dead - self._dead
         if any(changes):
             self._alive, self._dead = alive, dead
@@ -226,6 +295,20 @@ class _Lost(EventHandler):
             self._told = dropped
 
 
+# As of rclpy, since tools and people look for these words.
+_WRONG_QOS = {
+    "publisher": "New subscription discovered on topic '{}', requesting incompatible QoS. "
+    "No messages will be sent to it. Last incompatible policy: {}",
+    "subscription": "New publisher discovered on topic '{}', offering incompatible QoS. "
+    "No messages will be received from it. Last incompatible policy: {}",
+}
+_WRONG_TYPE = "Incompatible type on topic '{}', no messages will be sent to it."
+
+
+def _warning(own: Endpoint, policy: QoSPolicyKind) -> str:
+    return _WRONG_QOS[own.kind].format(own.name, qos_policy_name_from_kind(policy))
+
+
 class _EventCallbacks:
     """What publishers and subscriptions have in common."""
 
@@ -244,13 +327,21 @@ class _EventCallbacks:
         self.incompatible_qos, self.incompatible_type = incompatible_qos, incompatible_type
         self.use_default_callbacks = use_default_callbacks
 
-    def _check(self) -> None:
-        for what in ("incompatible_qos", "incompatible_type"):
-            if getattr(self, what) is not None:
-                raise UnsupportedEventTypeError(
-                    f"events of the kind '{what}' are not supported by hprm.ros: the endpoints of"
-                    " a topic exchange messages whatever their policies"
-                )
+    def _of_incompatible(
+        self, of: Publisher[Any] | Subscription, group: CallbackGroup
+    ) -> list[EventHandler]:
+        """Make what tells of endpoints that get nothing: by a warning, if that is not stated."""
+        qos, type_ = self.incompatible_qos, self.incompatible_type
+        if self.use_default_callbacks:
+            logger, topic, own = of._node.get_logger(), of.topic, of._node._endpoints[of]
+            qos = qos or (lambda event: logger.warning(_warning(own, event.last_policy_kind)))
+            type_ = type_ or (lambda _: logger.warning(_WRONG_TYPE.format(topic)))
+        made: list[EventHandler] = []
+        if qos is not None:
+            made.append(_IncompatibleQoS(of, callback=qos, callback_group=group))
+        if type_ is not None:
+            made.append(_IncompatibleType(of, callback=type_, callback_group=group))
+        return made
 
 
 class SubscriptionEventCallbacks(_EventCallbacks):
@@ -267,8 +358,7 @@ class SubscriptionEventCallbacks(_EventCallbacks):
         self, callback_group: CallbackGroup, subscription: Subscription, topic_name: str
     ) -> list[EventHandler]:
         """Make what calls them back."""
-        self._check()
-        made: list[EventHandler] = []
+        made = self._of_incompatible(subscription, callback_group)
         group: Any = {"callback_group": callback_group}
         if self.deadline is not None:
             missed = QoSRequestedDeadlineMissedInfo
@@ -279,7 +369,7 @@ class SubscriptionEventCallbacks(_EventCallbacks):
             made.append(_Lost(subscription, callback=self.message_lost, **group))
         if self.matched is not None:
             info = QoSSubscriptionMatchedInfo
-            made.append(_Matched(subscription, info, "publisher", callback=self.matched, **group))
+            made.append(_Matched(subscription, info, callback=self.matched, **group))
         return made
 
 
@@ -290,8 +380,7 @@ class PublisherEventCallbacks(_EventCallbacks):
         self, callback_group: CallbackGroup, publisher: Publisher[Any], topic_name: str
     ) -> list[EventHandler]:
         """Make what calls them back."""
-        self._check()
-        made: list[EventHandler] = []
+        made = self._of_incompatible(publisher, callback_group)
         group: Any = {"callback_group": callback_group}
         if self.deadline is not None:
             missed = QoSOfferedDeadlineMissedInfo
@@ -300,5 +389,5 @@ class PublisherEventCallbacks(_EventCallbacks):
             made.append(_LivelinessLost(publisher, callback=self.liveliness, **group))
         if self.matched is not None:
             info = QoSPublisherMatchedInfo
-            made.append(_Matched(publisher, info, "subscription", callback=self.matched, **group))
+            made.append(_Matched(publisher, info, callback=self.matched, **group))
         return made

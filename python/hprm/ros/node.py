@@ -13,6 +13,7 @@ from hprm.ros._interface import type_name
 from hprm.ros._keeping import LateTaker
 from hprm.ros._liveliness import Assertions
 from hprm.ros._names import absolute_namespace, full_node_name, logger_name
+from hprm.ros._offers import described, matched
 from hprm.ros._others import Others
 from hprm.ros._parameter_services import ParameterEvents, ParameterServices
 from hprm.ros._parameters import ParameterChanges, Parameters
@@ -22,6 +23,7 @@ from hprm.ros._rosout import rosout
 from hprm.ros.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
 from hprm.ros.client import Client
 from hprm.ros.clock import Clock, ROSClock
+from hprm.ros.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from hprm.ros.exceptions import InvalidHandle, NotInitializedException
 from hprm.ros.exceptions import NodeNameNonExistentError as NodeNameNonExistentError
 from hprm.ros.guard_condition import GuardCondition
@@ -215,12 +217,12 @@ class Node(Parameters, Others):
         if qos_overriding_options is not None:
             _declare_qos_parameters(Publisher, self, name, qos, qos_overriding_options)
         group = callback_group or self._default_callback_group
-        made = publisher_class(self, msg_type, name, qos)
         endpoint = self._endpoint("publisher", name, type_, qos)
+        made = publisher_class(self, msg_type, endpoint, qos)
         self._declare(made, endpoint)
         made._assertions = Assertions.of(made, endpoint)
         self._publishers.append(made)
-        self._watch(made, event_callbacks, group)
+        self._watch(made, event_callbacks or PublisherEventCallbacks(), group)
         return made
 
     def create_subscription(
@@ -247,11 +249,11 @@ class Node(Parameters, Others):
         group = callback_group or self._default_callback_group
         if qos_overriding_options is not None:
             _declare_qos_parameters(Subscription, self, name, qos, qos_overriding_options)
-        made = Subscription(self, msg_type, name, callback, group, qos, raw)
-        is_durable = qos.durability is DurabilityPolicy.TRANSIENT_LOCAL
         endpoint = self._endpoint("subscription", name, type_, qos)
+        made = Subscription(self, msg_type, endpoint, callback, group, qos, raw)
+        is_durable = qos.durability is DurabilityPolicy.TRANSIENT_LOCAL
         self._declare(made, endpoint, made.deliver, made if is_durable else None)
-        self._watch(made, event_callbacks, group)
+        self._watch(made, event_callbacks or SubscriptionEventCallbacks(), group)
         return self._add(made)
 
     def create_client(
@@ -408,12 +410,8 @@ class Node(Parameters, Others):
 
     def _endpoint(self, kind: Any, name: str, type_: str, qos: QoSProfile) -> Endpoint:
         self._check_alive()
-        described = {
-            "reliability": qos.reliability.name,
-            "durability": qos.durability.name,
-            "depth": self._depth_of(qos),
-        }
-        return Endpoint(kind, self.get_fully_qualified_name(), name, type_, described)
+        told = described(kind, qos, self._depth_of(qos))
+        return Endpoint(kind, self.get_fully_qualified_name(), name, type_, told)
 
     def _check_alive(self) -> None:
         if self._is_destroyed:
@@ -442,9 +440,13 @@ class Node(Parameters, Others):
 
     def _watch(self, made: Any, callbacks: Any, group: CallbackGroup) -> None:
         """Add what calls back at events of a publisher or a subscription."""
-        if callbacks is not None:
-            for handler in callbacks.create_event_handlers(group, made, made.topic):
-                made.event_handlers.append(self._add(handler))
+        for handler in callbacks.create_event_handlers(group, made, made.topic):
+            made.event_handlers.append(self._add(handler))
+
+    def _matched(self, made: Any) -> list[Endpoint]:
+        """Return what exchanges messages with a publisher or a subscription; nothing if gone."""
+        own = self._endpoints.get(made)
+        return [] if own is None else matched(own, self._runtime.endpoints())
 
     def _withdraw(self, gone: Any) -> None:
         endpoint = self._endpoints.pop(gone, None)

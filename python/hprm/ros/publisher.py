@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from hprm.ros._entity import Destroyable
-from hprm.ros._graph import Flow
+from hprm.ros._graph import Endpoint, Flow
 from hprm.ros._interface import copy_of
 from hprm.ros._keeping import Kept
+from hprm.ros._offers import Offer, keeps
 from hprm.ros.exceptions import InvalidHandle
-from hprm.ros.qos import DurabilityPolicy
 
 if TYPE_CHECKING:
     from hprm.ros._liveliness import Assertions
@@ -25,20 +25,21 @@ class Publisher(Destroyable, Generic[MsgT]):
     """Sends messages to all subscriptions of a topic."""
 
     def __init__(
-        self, node: Node, msg_type: type[MsgT], topic: str, qos_profile: QoSProfile
+        self, node: Node, msg_type: type[MsgT], endpoint: Endpoint, qos_profile: QoSProfile
     ) -> None:
-        """Make the publisher of a node; ``topic`` is its full name."""
+        """Make the publisher of a node that is the endpoint of a topic."""
         self._node = node
-        self._flow = Flow("topic", topic)
+        self._flow = Flow("topic", endpoint.name)
+        self._offer = Offer(endpoint)
         self.msg_type = msg_type
-        self.topic = topic
+        self.topic = endpoint.name
         self.qos_profile = qos_profile
         self._destroyed = False
         #: What it has asserted of its liveliness, if its policy asks for that.
         self._assertions: Assertions | None = None
         #: What later subscriptions get of it.
         self._kept: Kept | None = None
-        if qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL:
+        if keeps(qos_profile):
             lifespan = qos_profile.lifespan.nanoseconds
             self._kept = Kept(node._depth_of(qos_profile), lifespan or None)
             node._runtime.keeping.keep(self._flow, self._kept)
@@ -63,13 +64,13 @@ class Publisher(Destroyable, Generic[MsgT]):
             msg = deserialize_message(msg, self.msg_type)
         if not isinstance(msg, self.msg_type):
             raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
-        self._node._runtime.publish(self._flow, copy_of(msg), self._kept)
+        self._node._runtime.publish(self._flow, self._offer.beside(copy_of(msg)), self._kept)
         for note in self._on_message:
             note()
 
     def get_subscription_count(self) -> int:
-        """Return how many subscriptions the topic has."""
-        return self._node.count_subscribers(self.topic)
+        """Return how many subscriptions get what it publishes."""
+        return len(self._node._matched(self))
 
     @property
     def topic_name(self) -> str:

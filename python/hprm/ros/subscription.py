@@ -8,8 +8,9 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from hprm.ros._entity import Entity, Queue
-from hprm.ros._graph import Flow
+from hprm.ros._graph import Endpoint, Flow
 from hprm.ros._interface import check_callback, copy_of, takes
+from hprm.ros._offers import Request
 from hprm.ros.callback_groups import CallbackGroup
 
 if TYPE_CHECKING:
@@ -41,20 +42,21 @@ class Subscription(Entity):
         self,
         node: Node,
         msg_type: type[Any],
-        topic: str,
+        endpoint: Endpoint,
         callback: Callable[..., Any],
         callback_group: CallbackGroup,
         qos_profile: QoSProfile,
         raw: bool = False,
     ) -> None:
-        """Make the subscription of a node; ``topic`` is its full name."""
+        """Make the subscription of a node that is the endpoint of a topic."""
         super().__init__(node, callback_group)
         self.msg_type = msg_type
-        self.topic = topic
-        self.topic_name = topic
+        self.topic = endpoint.name
+        self.topic_name = endpoint.name
         self.qos_profile = qos_profile
         self.raw = raw
-        self._flow = Flow("topic", topic)
+        self._flow = Flow("topic", endpoint.name)
+        self._request = Request(endpoint, msg_type)
         self.callback = callback
         self._queue = Queue(node._depth_of(qos_profile))
         #: Whether other processes may still have messages that come first.
@@ -85,25 +87,27 @@ class Subscription(Entity):
             )
 
     def get_publisher_count(self) -> int:
-        """Return how many publishers the topic has."""
-        return self._node.count_publishers(self.topic)
+        """Return how many publishers there are whose messages it gets."""
+        return len(self._node._matched(self))
 
     @property
     def dropped(self) -> int:
         """How many messages the queue has dropped, because no thread was spinning in time."""
         return self._queue.dropped
 
-    def deliver(self, message: Any) -> None:
-        """Put a message into the queue; all subscriptions of the process get the same one."""
-        if not self._destroyed:
+    def deliver(self, sent: Any) -> None:
+        """Put a message that is for it in the queue; all subscriptions here get the same one."""
+        message = self._request.message_of(sent)
+        if message is not None and not self._destroyed:
             self._queue.put((message, self._node._runtime.now()))
             for note in self._on_message:
                 note()
 
-    def deliver_before(self, messages: list[Any]) -> None:
+    def deliver_before(self, sent: list[Any]) -> None:
         """Put messages into the queue that publishers have kept, before those that wait."""
         now = self._node._runtime.now()
-        self._queue.put_before([(message, now) for message in messages])
+        messages = map(self._request.message_of, sent)
+        self._queue.put_before([(message, now) for message in messages if message is not None])
 
     def hold(self, is_held: bool) -> None:
         """Call back no more until what comes first is there, or again."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from hprm.ros._graph import Flow
 from hprm.ros._interfaces import interface
+from hprm.ros._offers import message_of
 from hprm.ros.clock import ROSClock
 from hprm.ros.clock_type import ClockType
 from hprm.ros.parameter import Parameter
@@ -98,13 +99,17 @@ class TimeSource:
         qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         endpoint = node._endpoint("subscription", name, "rosgraph_msgs/msg/Clock", qos)
         self._flow = Flow("topic", name)
-        node._runtime.declare(endpoint, self.clock_callback)
+        node._runtime.declare(endpoint, self._take)
         node._runtime.request(lambda: self._check(node, name))
 
     def _unsubscribe(self) -> None:
         if self._flow is not None and self._node is not None:
-            self._node._runtime.withdraw(self._flow, self.clock_callback)
+            self._node._runtime.withdraw(self._flow, self._take)
         self._flow = None
+
+    def _take(self, sent: Any) -> None:
+        # What it requests, every publisher offers.
+        self.clock_callback(message_of(sent))
 
     def _check(self, node: Node, name: str) -> None:
         """Say at the start if nothing will ever set the time."""

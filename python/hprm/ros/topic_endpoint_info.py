@@ -7,10 +7,12 @@ from enum import IntEnum
 from typing import Any
 
 from hprm.ros._graph import Endpoint
+from hprm.ros.duration import Duration
 from hprm.ros.qos import (
     _UNSPECIFIED,
     DurabilityPolicy,
     HistoryPolicy,
+    LivelinessPolicy,
     QoSProfile,
     ReliabilityPolicy,
 )
@@ -79,11 +81,15 @@ class TopicEndpointInfo:
 def _profile(known: dict[str, Any]) -> QoSProfile:
     depth = known.get("depth")
     keeps = {"history": HistoryPolicy.KEEP_ALL} if depth is None else {"depth": depth}
-    return QoSProfile(
+    profile = QoSProfile(
         reliability=ReliabilityPolicy[known.get("reliability", "UNKNOWN")],
         durability=DurabilityPolicy[known.get("durability", "UNKNOWN")],
+        liveliness=LivelinessPolicy[known.get("liveliness", "SYSTEM_DEFAULT")],
         **keeps,
     )
+    for policy in ("deadline", "lifespan", "liveliness_lease_duration"):
+        setattr(profile, policy, Duration(nanoseconds=known.get(policy, 0)))
+    return profile
 
 
 def _shown(duration: Any) -> str:

@@ -19,6 +19,7 @@ from hprm.ros._graph import Endpoint, Flow, Graph
 from hprm.ros._lines import write_line
 from hprm.ros._messages import DefinitionError
 from hprm.ros._messages.cdr import SERIALIZER, SerializationError, Serializer
+from hprm.ros._offers import from_elsewhere, message_of
 from hprm.ros._zenoh.aligning import Aligning
 from hprm.ros._zenoh.arrivals import Arrivals
 from hprm.ros._zenoh.attachment import Attachment, read
@@ -150,7 +151,7 @@ class ZenohBridge:
         kind, *told = news
         if self._aligning is None or kind != "message" or told[0] != "topic":
             return now
-        return self._aligning.due(told[1], told[2], now)
+        return self._aligning.due(told[1], message_of(told[2]), now)
 
     # From scripts.
 
@@ -180,7 +181,7 @@ class ZenohBridge:
         found = self._local.publisher(sender, flow.name)
         if found is not None:
             publisher, numbers = found
-            data = SERIALIZER.serialize(message)
+            data = SERIALIZER.serialize(message_of(message))
             publisher.put(data, attachment=numbers.attachment().pack())
 
     def _ask(self, sender: int, flow: Flow, client: str, number: int, request: Any) -> None:
@@ -235,7 +236,7 @@ class ZenohBridge:
                     f"{missing} messages of {topic} from elsewhere are lost: number"
                     f" {attachment.number} came after number {attachment.number - missing - 1}"
                 )
-        return self._told(Flow("topic", topic), payload, lambda message: message)
+        return self._told(Flow("topic", topic), payload, from_elsewhere)
 
     def _request(self, service: str, query: Any, payload: bytes, beside: bytes) -> list[Told]:
         asked = read(beside)

@@ -12,6 +12,7 @@ from dataclasses import asdict
 from typing import Any
 
 from hprm.ros._graph import BRIDGE, Endpoint, Flow
+from hprm.ros._offers import elsewhere
 from hprm.ros._zenoh.keys import is_wanted
 from hprm.ros._zenoh.tokens import Token, quality_of, read
 
@@ -132,7 +133,8 @@ class Outside:
 
 def _endpoint(token: Token) -> Endpoint:
     kind: Any = token.kind
-    return Endpoint(kind, token.node, token.name, token.type, quality_of(token.quality))
+    quality = elsewhere(quality_of(token.quality))
+    return Endpoint(kind, token.node, token.name, token.type, quality)
 
 
 def _taken(token: Token) -> Flow | None:

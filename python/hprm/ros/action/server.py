@@ -23,6 +23,7 @@ from hprm.ros.action._names import (
 )
 from hprm.ros.callback_groups import CallbackGroup
 from hprm.ros.exceptions import RCLError
+from hprm.ros.qos import qos_profile_action_status_default
 from hprm.ros.task import Future
 
 if TYPE_CHECKING:
@@ -212,7 +213,9 @@ class ActionServer:
             impl.FeedbackMessage, hidden(action_name, "feedback"), feedback_pub_qos_profile or 10
         )
         self._status = node.create_publisher(
-            impl.GoalStatusMessage, hidden(action_name, "status"), status_pub_qos_profile or 10
+            impl.GoalStatusMessage,
+            hidden(action_name, "status"),
+            status_pub_qos_profile or qos_profile_action_status_default,
         )
 
     def register_execute_callback(self, execute_callback: Callable[..., Any]) -> None:
