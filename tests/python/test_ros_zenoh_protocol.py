@@ -181,10 +181,12 @@ def test_flows_are_open_while_an_endpoint_elsewhere_takes_them() -> None:
     assert graph.add(SUBSCRIPTION) == [there, ("open", "topic", "/chatter")]
     assert graph.add(SUBSCRIPTION) == []
     assert graph.add(second) == [there]
+    assert graph.known() == [there, there, ("open", "topic", "/chatter")]
     assert graph.remove(SUBSCRIPTION) == [gone]
     assert graph.remove(second) == [gone, ("close", "topic", "/chatter")]
     assert graph.remove(second) == []
-    assert graph.add(NODE) == [("node", BRIDGE, "/listener")]
+    assert graph.known() == []
+    assert graph.add(NODE) == [("node", BRIDGE, "/listener")] == graph.known()
     assert graph.remove(NODE) == [("node gone", BRIDGE, "/listener")]
     assert told == []
 

@@ -17,7 +17,16 @@ from types import FrameType, TracebackType
 from typing import Any
 
 from hprm import _startup
-from hprm.ros import _aliases, _meeting, _process, _runtime, _sleeping, _user_modules, _words
+from hprm.ros import (
+    _aliases,
+    _meeting,
+    _process,
+    _runtime,
+    _sleeping,
+    _turns,
+    _user_modules,
+    _words,
+)
 from hprm.ros.exceptions import ROSInterruptException
 from hprm.ros.executors import ExternalShutdownException
 
@@ -199,7 +208,7 @@ def _cut(traceback: TracebackType | None) -> None:
     while each is not None:
         path = each.tb_frame.f_code.co_filename
         # What modules of Python generate, as dataclasses do, has no file.
-        if not path.startswith((*_runtime.NOT_OF_SCRIPTS, "<")):
+        if not path.startswith((*_turns.NOT_OF_SCRIPTS, "<")):
             last = each
         each = each.tb_next
     if last is not None:

@@ -7,6 +7,7 @@ the scripts, and their ends.
 
 from __future__ import annotations
 
+import itertools
 import os
 import secrets
 import selectors
@@ -30,6 +31,7 @@ from hprm.ros._messages import find_beside
 from hprm.ros._zenoh.session import BridgeError, Settings, open_session
 
 if TYPE_CHECKING:
+    from hprm.ros._following import Answer, Following
     from hprm.ros._zenoh.bridge import ZenohBridge
 
 #: For how many seconds scripts may go on after a signal, before they are killed.
@@ -37,6 +39,18 @@ PATIENCE_S = 8.0
 
 #: After how many seconds scripts are named that the others wait for.
 SLOW_S = 10.0
+
+#: How many nodes that only functions of a launch file know may start once the others run, and what
+#: stands for one until then.
+SPARES = 8
+SPARE = Plan("later", ())
+
+# Why a node cannot be started by a function, without and with `--fast`.
+_NO_PLACE = (
+    f"functions of handlers start at most {SPARES} nodes once the others run\n"
+    "  hint: state nodes as actions of handlers, of which there may be any number",
+    "with --fast, a handler starts no nodes: they would join at a time of the clock",
+)
 
 #: What ends a federation if all processes end well.
 WITHOUT_LEAVING = (
@@ -55,13 +69,21 @@ class Coordinator:
         logical_trace: str | None = None,
         *,
         is_fast: bool = False,
+        following: Following | None = None,
     ) -> None:
         """Start the scripts, and let there be a bridge between their hub and nodes elsewhere."""
         self._bridge = bridge
         self._is_fast = is_fast
         self._logical_trace = logical_trace
         self._hub: threading.Thread | None = None
-        taken: set[str] = set()
+        self._taken: set[str] = set()
+        self._numbers = itertools.count(1)
+        #: What follows of what happens, and lines that were printed of which that is not decided.
+        self._following = following
+        self._printed: deque[tuple[Member, bytes, int]] = deque()
+        self._has_told_end = False
+        #: Whether an error of a handler was told, after which others may follow from that.
+        self._is_wrong = False
         self._rti: _hprm.LocalRti | None = None
         self._selector = selectors.DefaultSelector()
         self._signals = 0
@@ -71,6 +93,8 @@ class Coordinator:
         #: The exit code of the first script that has failed by itself.
         self._failed = 0
         self._is_refused = False
+        #: Whether the federation has failed, so that no script can join it any more.
+        self._is_failed = False
         self._is_over = False
         #: What is started again, and when.
         self._due: list[tuple[float, Member]] = []
@@ -80,24 +104,44 @@ class Coordinator:
         self._wakes, self._wakeup = socket.socketpair()
         self._wakeup.setblocking(False)
         self._selector.register(self._wakes, selectors.EVENT_READ)
-        self.members = [
-            Member(identifier(plan.name, taken), number, plan)
-            for number, plan in enumerate(plans, start=1)
-        ]
+        self.members: list[Member] = []
+        first = [self._add(plan) for plan in plans]
+        if following is not None:
+            # All that begins at another time than the others reads the clock.
+            spares = [SPARE] * SPARES if following.calls and not is_fast else []
+            for plan in (*following.later, *spares):
+                self._add(plan)
         self._readers: list[threading.Thread] = []
-        for member in self.members:
-            self._attend(member)
+        for member in first:
+            self._start(member)
+
+    def _add(self, plan: Plan) -> Member:
+        member = Member(identifier(plan.name, self._taken), plan)
+        self.members.append(member)
+        return member
+
+    def _start(self, member: Member) -> None:
+        """Start a process, for the first time or again."""
+        if member.is_started:
+            member.lives += 1
+            member.start()
+        else:
+            member.begin(next(self._numbers))
+        self._attend(member)
+        if self._following is not None:
+            self._follow(self._following.started(member))
 
     def _attend(self, member: Member) -> None:
         """Listen to a process that was started."""
         self._selector.register(member.connection, selectors.EVENT_READ, member)
         threading.Thread(target=self._await, args=(member,), daemon=True).start()
-        for stream, out in (
-            (member.process.stdout, sys.stdout),
-            (member.process.stderr, sys.stderr),
+        for descriptor, stream, out in (
+            (1, member.process.stdout, sys.stdout),
+            (2, member.process.stderr, sys.stderr),
         ):
             assert stream is not None
-            reader = threading.Thread(target=self._show, args=(member, stream, out))
+            shown = (member, stream, out, descriptor)
+            reader = threading.Thread(target=self._show, args=shown)
             reader.start()
             self._readers.append(reader)
 
@@ -114,12 +158,16 @@ class Coordinator:
                 left = max(min(limits) - time.monotonic(), 0) if limits else None
                 for key, _ in self._selector.select(left):
                     self._read(key.data)
+                self._note_printed()
                 for member in self.members:
                     if member.ending is not None and member.code is None:
                         self._note_end(member, member.ending)
                 self._note_events()
+                if self._signals or self._is_over:
+                    self._tell_end()
                 self._answer()
                 self._look_at_clock()
+            self._tell_end()
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
@@ -141,9 +189,7 @@ class Coordinator:
             self._send(signal.SIGKILL)
         for due, member in [it for it in self._due if now >= it[0]]:
             self._due.remove((due, member))
-            member.lives += 1
-            member.start()
-            self._attend(member)
+            self._start(member)
         if self._slow_at is not None and now >= self._slow_at:
             self._slow_at = None
             self._name_the_slow()
@@ -183,7 +229,9 @@ class Coordinator:
     def _answer(self) -> None:
         """Answer what scripts have asked, as far as that is known."""
         members = [
-            it for it in self.members if it.is_member and it.code is None and not it.has_left
+            it
+            for it in self.members
+            if it.is_member and it.is_started and it.code is None and not it.has_left
         ]
         if self._rti is not None and self._graph is not None:
             self._answer_again(self._rti, self._graph, members)
@@ -212,7 +260,9 @@ class Coordinator:
                 names = {e.name for it in members for e in it.endpoints if e.kind == "service"}
                 member.answer({"found": member.looks_for in names})
                 member.looks_for = None
-            if member.is_ready and not member.is_answered:
+            if member.is_ready and not member.is_answered and self._is_failed:
+                self._reject(member)
+            elif member.is_ready and not member.is_answered:
                 self._admit(rti, graph, member)
 
     def _admit(self, rti: _hprm.LocalRti, graph: Graph, member: Member) -> None:
@@ -228,9 +278,22 @@ class Coordinator:
             }
         )
 
+    def _reject(self, member: Member) -> None:
+        """End a script that has come too late."""
+        member.is_answered = member.is_stranded = True
+        member.answer({})
+        member.process.send_signal(signal.SIGTERM)
+        self._failed = self._failed or 1
+        write_line(
+            f"error: {member.label} cannot take part: its federation has ended, as a script has"
+            " died that was there from the start\n"
+            "  hint: a node with respawn=True comes back, and the others go on",
+            sys.stderr,
+        )
+
     def _name_the_slow(self) -> None:
         """Name the scripts without which the others do not begin."""
-        members = [it for it in self.members if it.is_member and it.code is None]
+        members = [it for it in self.members if it.is_member and it.is_started and it.code is None]
         waits = [it for it in members if not it.is_ready and not it.looks_for and not it.has_left]
         if self._rti is None and not self._is_refused and waits:
             names = ", ".join(it.label for it in waits)
@@ -242,8 +305,13 @@ class Coordinator:
 
     def _begin(self, members: list[Member]) -> None:
         scripts = [
-            Script(it.name, tuple(it.nodes), tuple(it.endpoints), it.plan.respawn is not None)
-            for it in members
+            Script(it.name, tuple(it.nodes), tuple(it.endpoints), it.is_transient) for it in members
+        ]
+        # What starts later says then what it has.
+        scripts += [
+            Script(it.name, (), (), is_transient=True)
+            for it in self.members
+            if it.is_member and not it.is_started
         ]
         wrong = mismatches(scripts)
         if wrong:
@@ -313,6 +381,9 @@ class Coordinator:
             _tell_of(member, text)
         for text in member.plan.farewell if not is_expected else ():
             write_line(text, sys.stdout)
+        if self._following is not None:
+            self._note_printed()
+            self._follow(self._following.exited(member, ending))
         if self._bridge is not None:
             self._bridge.leave(member.name)
         if comes_back and not member.is_required:
@@ -332,10 +403,14 @@ class Coordinator:
     def _note_events(self) -> None:
         """Tell what the RTI has told of federates, as far as no process does."""
         labels = {it.name: it.label for it in self.members}
-        comes_back = {it.name for it in self.members if it.plan.respawn is not None}
+        scripts = () if self._graph is None else self._graph.scripts
+        # The others go on without them.
+        comes_back = {it.name for it in scripts if it.is_transient}
         while self._told:
             kind, name, text, seconds = self._told.popleft()
             label = labels.get(name, name)
+            if kind in ("lost", "failed") and name not in comes_back:
+                self._is_failed = True
             if kind == "lost":
                 if name not in comes_back:
                     self._lost.append(name)
@@ -377,9 +452,60 @@ class Coordinator:
             if member.code is None:
                 member.process.send_signal(number)
 
-    def _show(self, member: Member, stream: IO[bytes], out: Any) -> None:
+    # What follows of that, in a launch.
+
+    def _follow(self, answer: Answer) -> None:
+        """Say, start and end what follows of something."""
+        for text in answer.says:
+            write_line(text, sys.stdout)
+        for plan, seconds in answer.starts:
+            if not (self._signals or self._is_over or self._is_refused or answer.wrong):
+                self._start_later(plan, seconds, answer)
+        if answer.wrong is not None and not self._is_wrong:
+            self._is_wrong = True
+            write_line(f"error: {answer.wrong}", sys.stderr)
+            self._failed = self._failed or 1
+        if (answer.ends or answer.wrong is not None) and not (self._signals or self._is_over):
+            self._is_over = True
+            self._stop(signal.SIGINT)
+
+    def _start_later(self, plan: Plan, seconds: float, answer: Answer) -> None:
+        """Start a process after some seconds; tell in the answer if there is no place for it."""
+        free = [it for it in self.members if not it.is_started and it.code == 0]
+        member = next((it for it in free if it.plan is plan), None)
+        if member is None and plan.is_member and (self._is_fast or self._graph is not None):
+            member = next((it for it in free if it.plan is SPARE), None)
+            if member is None:
+                answer.wrong = f"{plan.name} is not started: {_NO_PLACE[self._is_fast]}"
+                return
+            member.plan = plan
+        member = member or self._add(plan)
+        member.code, member.is_transient = None, True
+        self._due.append((time.monotonic() + seconds, member))
+
+    def _note_printed(self) -> None:
+        """Find out what follows of lines that were printed."""
+        while self._printed and self._following is not None:
+            self._follow(self._following.printed(*self._printed.popleft()))
+
+    def _tell_end(self) -> None:
+        """Find out, once, what follows of the end of the launch."""
+        if self._following is None or self._has_told_end:
+            return
+        self._has_told_end = True
+        reason = "idle"
+        if self._signals:
+            reason = f"signal {signal.Signals(self._signals).name}"
+        elif self._is_over:
+            reason = "a process has ended that ends the launch"
+        self._follow(self._following.shut_down(reason, self._signals == signal.SIGINT))
+
+    def _show(self, member: Member, stream: IO[bytes], out: Any, descriptor: int) -> None:
         """Show what a script prints, with its name before each line."""
         for line in stream:
+            if self._following is not None and self._following.looks_at_output:
+                self._printed.append((member, line, descriptor))
+                self._wakeup.send(b"\0")
             text = line.decode(errors="replace").rstrip("\n")
             if self._is_refused:
                 continue
@@ -407,10 +533,12 @@ def coordinate(
     logical_trace: str | None = None,
     *,
     is_fast: bool = False,
+    following: Following | None = None,
 ) -> int:
     """Run scripts as one federation, perhaps with a bridge, and return the exit code."""
+    rest: dict[str, Any] = {"logical_trace": logical_trace, "following": following}
     if settings is None:
-        return Coordinator(plans, logical_trace=logical_trace, is_fast=is_fast).run()
+        return Coordinator(plans, is_fast=is_fast, **rest).run()
     try:
         session = open_session(settings.endpoint, lambda text: print(text, file=sys.stderr))
     except BridgeError as error:
@@ -421,6 +549,6 @@ def coordinate(
     find_beside([it.script for it in plans if it.script is not None])
     bridge = ZenohBridge(session, settings)
     try:
-        return Coordinator(plans, bridge, logical_trace).run()
+        return Coordinator(plans, bridge, **rest).run()
     finally:
         bridge.close()

@@ -139,7 +139,7 @@ class Keeping:
         """Wait for no more answers."""
         if number in self._asked:
             taker, _ = self._asked.pop(number)
-            taker.hold(False)
+            taker.hold(any(it is taker for it, _ in self._asked.values()))
 
     def waiting(self, sender: str) -> list[LateTaker]:
         """Return the subscriptions that wait for an answer of a script."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from hprm.ros._graph import Endpoint, Flow
@@ -59,6 +60,25 @@ class LateEndpoints:
             else:
                 yield endpoint
 
+    def forget(self, script: str) -> None:
+        """Forget what a script has made: it begins again, and says what there is."""
+        self._late = [it for it in self._late if it[0] != script]
+        self._gone = [it for it in self._gone if it[0] != script]
+        self._nodes = [it for it in self._nodes if it[0] != script]
+        self._receivers.clear()
+
+    def introduction(self, script: str) -> Iterator[tuple[str, Any]]:
+        """Return what a script has to tell one that begins later than others."""
+        for name, node in self._nodes:
+            if name == script:
+                yield "node", node
+        for name, endpoint in self._gone:
+            if name == script:
+                yield "endpoint gone", asdict(endpoint)
+        for name, endpoint in self._late:
+            if name == script:
+                yield "endpoint known", asdict(endpoint)
+
     def note_node(self, script: str, name: str) -> None:
         """Note that a script has made a node."""
         self._nodes.append((script, name))
@@ -66,7 +86,7 @@ class LateEndpoints:
     def take(self, kind: str, told: Sequence[Any]) -> None:
         """Take news of other scripts, or of nodes elsewhere."""
         match kind:
-            case "endpoint":
+            case "endpoint" | "endpoint known":
                 self._late.append((told[0], Endpoint(**told[1])))
             case "endpoint gone":
                 self.withdraw(told[0], Endpoint(**told[1]))

@@ -11,6 +11,7 @@ import traceback
 from pathlib import Path
 
 from hprm.ros._coordinator import coordinate
+from hprm.ros._following import Following
 from hprm.ros._launch import (
     LaunchError,
     NodePlan,
@@ -41,7 +42,9 @@ def launch(options: argparse.Namespace, settings: Settings | None = None) -> int
             _show(declared_arguments(file, arguments))
             return 0
         plan = evaluate(file, arguments)
-        plans = [_plan(it) for it in plan.processes]
+        following = Following(plan, _plan)
+        if options.fast:
+            following.refuse_fast()
     except LaunchError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -53,10 +56,16 @@ def launch(options: argparse.Namespace, settings: Settings | None = None) -> int
         print(f"warning: nothing takes the launch argument '{name}'", file=sys.stderr)
     for message in plan.messages:
         print(message)
-    if not plans:
+    if not following.first:
         print(f"error: {options.file} starts nothing", file=sys.stderr)
         return 1
-    return coordinate(plans, settings, options.logical_trace, is_fast=options.fast)
+    return coordinate(
+        following.first,
+        settings,
+        options.logical_trace,
+        is_fast=options.fast,
+        following=following if plan.reactions else None,
+    )
 
 
 def _file(stated: str, words: list[str]) -> tuple[str, list[str]]:

@@ -52,6 +52,11 @@ class Membership:
         known = list(own.endpoints)
         return [it for it in endpoints if it not in known]
 
+    def unnamed(self, nodes: list[str]) -> list[str]:
+        """Return the nodes of this process that the graph does not have."""
+        own = next(it for it in self.graph.scripts if it.name == self.name)
+        return [it for it in nodes if it not in own.nodes]
+
     @property
     def has_hub(self) -> bool:
         """Whether there are other processes, and a hub between them."""

@@ -50,24 +50,46 @@ class Plan:
 
 
 class Member:
-    """A script that runs."""
+    """A script that runs, or may run later."""
 
-    def __init__(self, name: str, number: int, plan: Plan) -> None:
-        """Start it."""
+    def __init__(self, name: str, plan: Plan) -> None:
+        """Start nothing yet."""
         self.name = name
         self.plan = plan
         #: As ``ros2 launch`` names it.
-        self.label = f"{plan.name}-{number}"
-        self.is_member = plan.is_member
-        self.is_required = plan.is_required
-        self.delay_ns = plan.delay_ns
+        self.label = plan.name
+        self.is_started = False
+        #: Whether the others go on without it: it comes back, or has started after them.
+        self.is_transient = plan.respawn is not None
         #: How often it was started again.
         self.lives = 0
+        #: How its process has ended, as ``subprocess`` has it, and the exit code that follows.
+        self.ending: int | None = None
+        self.code: int | None = 0
+        self._tell_nothing()
+
+    @property
+    def is_member(self) -> bool:
+        """Whether it is a script of the federation."""
+        return self.plan.is_member
+
+    @property
+    def is_required(self) -> bool:
+        """Whether all others are asked to end when it has ended."""
+        return self.plan.is_required
+
+    @property
+    def delay_ns(self) -> int:
+        """At which logical time the script begins."""
+        return self.plan.delay_ns
+
+    def begin(self, number: int) -> None:
+        """Start its process for the first time, as the one with that number."""
+        self.label = f"{self.plan.name}-{number}"
+        self.is_started = True
         self.start()
 
-    def start(self) -> None:
-        """Start its process, perhaps again."""
-        plan = self.plan
+    def _tell_nothing(self) -> None:
         self.nodes: list[str] = []
         self.endpoints: list[Endpoint] = []
         self.is_ready = False
@@ -76,9 +98,12 @@ class Member:
         self.has_left = False
         #: Whether its federation has ended under it, because of another process.
         self.is_stranded = False
-        #: How its process has ended, as ``subprocess`` has it, and the exit code that follows.
-        self.ending: int | None = None
-        self.code: int | None = None
+
+    def start(self) -> None:
+        """Start its process, perhaps again."""
+        plan = self.plan
+        self._tell_nothing()
+        self.ending = self.code = None
         self.connection, theirs = socket.socketpair()
         environment = os.environ | plan.environment | {COORDINATOR: str(theirs.fileno())}
         parent = os.getpid()

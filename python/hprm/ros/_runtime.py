@@ -17,7 +17,6 @@ import os
 import sys
 import threading
 import time
-import traceback
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import asdict
@@ -26,11 +25,11 @@ from typing import Any
 from hprm import _hprm
 from hprm.ros._federation import Process
 from hprm.ros._graph import Endpoint, Flow
-from hprm.ros._keeping import PATIENCE_NS, Keeping, Kept, LateTaker, durable_scripts
+from hprm.ros._keeping import PATIENCE_NS, Keeping, Kept, LateTaker, durable_scripts, is_durable
 from hprm.ros._late import LateEndpoints
 from hprm.ros._meeting import Meeting, Membership
 from hprm.ros._pace import STEP_NS, Pace
-from hprm.ros._turns import Turns
+from hprm.ros._turns import Turns, place
 
 #: For how many seconds a thread of a script may hold a tag without blocking.
 PATIENCE_S = 10.0
@@ -47,22 +46,7 @@ STARTING_S = 0.5
 #: The environment variable with the time that clocks show at the start, in nanoseconds.
 START_TIME = "HPRM_ROS_START_TIME"
 
-#: With what the paths of code begin that is not of scripts.
-NOT_OF_SCRIPTS = (
-    os.path.dirname(os.path.dirname(os.path.abspath(__file__))),
-    os.path.dirname(os.__file__),
-    "<frozen ",
-)
-
 Deliver = Callable[[Any], None]
-
-
-def _place(ident: int) -> str:
-    """Return where a thread is in the code of its script, as a traceback shows it."""
-    frame = sys._current_frames().get(ident)
-    frames = [] if frame is None else traceback.extract_stack(frame)
-    theirs = [it for it in frames if not it.filename.startswith(NOT_OF_SCRIPTS)]
-    return "".join(traceback.format_list(theirs[-1:]))
 
 
 class Alarm:
@@ -468,7 +452,7 @@ class Runtime:
         print(
             f"warning: {named.get(ident, 'a thread')} of this script has not come back to rclpy for"
             f" {patience_s:g} s, so logical time goes on without it\n"
-            f"{_place(ident)}"
+            f"{place(ident)}"
             "  hint: what it publishes until it spins again has the time of the clock as its tag",
             file=sys.stderr,
         )
@@ -521,6 +505,11 @@ class Runtime:
             self._waits_to_begin = True
             process.wake.schedule(membership.delay_ns)  # type: ignore[attr-defined]
             return
+        if process.elapsed():
+            self._announce("joined", None)
+        for name in membership.unnamed(self.meeting.nodes):
+            self._late.note_node(membership.name, name)
+            self._announce("node", name)
         for endpoint in membership.undeclared(self.meeting.endpoints):
             self._late.note(membership.name, endpoint)
             self._announce("endpoint", asdict(endpoint))
@@ -615,9 +604,31 @@ class Runtime:
                 self._tell_kept(*told)
             elif kind == "kept":
                 self.keeping.answer(*told)
+            elif kind == "joined":
+                self._introduce(told[0])
             else:
                 self._late.take(kind, told)
                 self._see_graph()
+                if kind == "endpoint known":
+                    self._ask_known(told[0], Endpoint(**told[1]))
+
+    def _introduce(self, script: str) -> None:
+        """Tell a script that begins later than others what this one has made since the start."""
+        membership = self._membership
+        assert membership is not None
+        self._late.forget(script)
+        number = [it.name for it in membership.graph.scripts].index(script)
+        for kind, what in self._late.introduction(membership.name):
+            self._news.append(([number], (kind, membership.name, what)))
+        self._see_graph()
+
+    def _ask_known(self, script: str, endpoint: Endpoint) -> None:
+        """Ask a script for what its publisher has kept since before this one began."""
+        scripts = [] if self._membership is None else self._membership.graph.scripts
+        others = {it.name for it in scripts if it.name != script}
+        for flow, taker in self.keeping.first:
+            if endpoint.sends == flow and is_durable(endpoint):
+                self._ask_for_kept(flow, taker, {}, others)
 
     def _do_alarms(self) -> None:
         now = int(self._tag.time)

@@ -11,13 +11,31 @@ elsewhere stops no federation; it gets a hold with the next reaction that wakes 
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable
 
 from hprm._hprm import Turn
 
 Condition = Callable[[], bool]
+
+#: With what the paths of code begin that is not of scripts.
+NOT_OF_SCRIPTS = (
+    os.path.dirname(os.path.dirname(os.path.abspath(__file__))),
+    os.path.dirname(os.__file__),
+    "<frozen ",
+)
+
+
+def place(ident: int) -> str:
+    """Return where a thread is in the code of its script, as a traceback shows it."""
+    frame = sys._current_frames().get(ident)
+    frames = [] if frame is None else traceback.extract_stack(frame)
+    theirs = [it for it in frames if not it.filename.startswith(NOT_OF_SCRIPTS)]
+    return "".join(traceback.format_list(theirs[-1:]))
 
 
 class Waiter:

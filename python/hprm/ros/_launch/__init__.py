@@ -1,8 +1,7 @@
 """Launch files as data, as in the package ``launch``.
 
 A launch file is evaluated before anything starts: ``evaluate`` gives a plan, which has the
-processes with all that was stated for them. What depends on how a launch goes on is refused with
-one clear error.
+processes with all that was stated for them, and what follows when something happens.
 """
 
 from typing import Any

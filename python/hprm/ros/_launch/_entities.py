@@ -190,8 +190,12 @@ class LaunchContext:
     including: tuple[Path, ...] = ()
     #: What follows when processes of actions end: whether the launch ends, and what is said.
     exits: list[tuple[Any, bool, list[str]]] = field(default_factory=list)
+    #: What else follows when something happens.
+    reactions: list[Any] = field(default_factory=list)
     #: Actions that were visited, and their plans.
     started: list[tuple[Any, Any]] = field(default_factory=list)
+    #: Whether what is visited happens later than the start of the launch.
+    is_later: bool = False
 
     @property
     def folder(self) -> Path:
@@ -201,6 +205,16 @@ class LaunchContext:
     def perform_substitution(self, substitution: Substitution) -> str:
         """Return the text of a substitution."""
         return substitution.perform(self)
+
+    @contextmanager
+    def apart(self) -> Iterator[LaunchPlan]:
+        """Collect in another plan what happens later; take back, in the end, what that sets."""
+        outer, delay, is_later = self.plan, self.delay, self.is_later
+        self.plan = LaunchPlan(arguments=outer.arguments, known=outer.known)
+        self.delay, self.is_later = 0.0, True
+        with self.scope():
+            yield self.plan
+        self.plan, self.delay, self.is_later = outer, delay, is_later
 
     @contextmanager
     def scope(self, *, forwarding: bool = True) -> Iterator[None]:

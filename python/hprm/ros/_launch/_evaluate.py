@@ -5,9 +5,17 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from hprm.ros._launch._entities import LaunchContext, LaunchDescription, visit
-from hprm.ros._launch._plans import ArgumentPlan, LaunchError, LaunchPlan
+from hprm.ros._launch._plans import (
+    ArgumentPlan,
+    LaunchError,
+    LaunchPlan,
+    NodePlan,
+    ProcessPlan,
+)
+from hprm.ros._launch._reactions import Reaction
 from hprm.ros._launch.launch_description_sources import load
 
 
@@ -65,9 +73,32 @@ def _evaluated(context: LaunchContext, get: object) -> LaunchPlan:
         if context.file is not None and str(context.file) not in text:
             raise type(error)(f"{context.file}: {text}") from None
         raise
-    for action, plan in context.started:
-        for target, ends, said in context.exits:
-            if target is action:
-                plan.required |= ends
-                plan.farewell += said
-    return context.plan
+    plan = context.plan
+    plan.reactions, plan.started, plan.exits = context.reactions, context.started, context.exits
+    for action, process in plan.started:
+        note_exits(plan, action, process)
+    while any(_joins(plan, it) for it in plan.reactions):
+        pass
+    return plan
+
+
+def note_exits(plan: LaunchPlan, action: Any, process: NodePlan | ProcessPlan) -> None:
+    """Note what is said, and whether the launch ends, when the process of an action has ended."""
+    for target, ends, said in plan.exits:
+        if target is action:
+            process.required |= ends
+            process.farewell += said
+
+
+def _joins(plan: LaunchPlan, reaction: Reaction) -> bool:
+    """Add what starts with a process from the beginning; return whether there was any."""
+    follows = reaction.plan
+    if reaction.kind != "start" or reaction.is_over or follows is None or follows.ends:
+        return False
+    starts = (action for action, it in plan.started if any(it is own for own in plan.processes))
+    if not any(map(reaction.counts, starts)):
+        return False
+    plan.processes += follows.processes
+    plan.messages += follows.messages
+    reaction.is_over = True
+    return True

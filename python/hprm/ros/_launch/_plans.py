@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from hprm.ros._overrides import Scalar, Value
 
@@ -112,6 +112,14 @@ class LaunchPlan:
     arguments: list[ArgumentPlan] = field(default_factory=list)
     #: The names of configurations that something has declared or asked for.
     known: set[str] = field(default_factory=set)
+    #: Whether the launch ends then, for what follows when something happens.
+    ends: bool = False
+    #: What follows when something happens (``_reactions.py``).
+    reactions: list[Any] = field(default_factory=list)
+    #: The actions of launch files with the processes that they start.
+    started: list[tuple[Any, NodePlan | ProcessPlan]] = field(default_factory=list)
+    #: What follows when their processes end: whether the launch ends, and what is said.
+    exits: list[tuple[Any, bool, list[str]]] = field(default_factory=list)
 
     @property
     def nodes(self) -> list[NodePlan]:

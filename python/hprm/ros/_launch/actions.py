@@ -22,7 +22,8 @@ from hprm.ros._launch._entities import (
     visit,
 )
 from hprm.ros._launch._plans import ArgumentPlan, LaunchError, NodePlan, ProcessPlan, Respawn
-from hprm.ros._launch.event_handlers import EventHandler, at_exit
+from hprm.ros._launch._reactions import place
+from hprm.ros._launch.event_handlers import EventHandler, OnProcessExit
 from hprm.ros._launch.events import Shutdown as _ShutdownEvent
 from hprm.ros._launch.launch_description_sources import (
     LaunchDescriptionSource,
@@ -299,7 +300,7 @@ class LogInfo(Action):
 
 
 class Shutdown(Action):
-    """The end of the launch, as ``on_exit`` of a process."""
+    """The end of the launch, when something happens."""
 
     def __init__(
         self, *, reason: SomeText = "reason not given", condition: Condition | None = None
@@ -309,7 +310,18 @@ class Shutdown(Action):
         self.reason = reason
 
     def execute(self, context: LaunchContext) -> None:
-        """Raise ``LaunchError``: a launch that ends at once starts nothing."""
+        """End the launch when something happens; one that ends at once starts nothing.
+
+        Raises ``LaunchError`` if that is not later, or at a time instead.
+        """
+        if context.is_later and not context.delay:
+            context.plan.ends = True
+            return
+        if context.delay:
+            raise LaunchError(
+                "Shutdown() in a TimerAction is not supported: end the launch when a process ends,"
+                " as of ExecuteProcess(cmd=['sleep', '10'], on_exit=Shutdown())"
+            )
         raise LaunchError(
             f"the launch ends before it starts anything: {perform(context, self.reason)}"
         )
@@ -373,6 +385,7 @@ class ExecuteProcess(Action):
         self._respawn_retries = options.pop("respawn_max_retries", -1)
         self._prefix = options.pop("prefix", None)
         self._on_exit = options.pop("on_exit", None)
+        self._place = "" if self._on_exit is None else place()
         unknown = sorted(set(options) - self._IGNORED)
         if unknown:
             raise TypeError(f"{type(self).__name__} has no argument {', '.join(unknown)}")
@@ -407,7 +420,7 @@ class ExecuteProcess(Action):
             return False
         node = Node(package=package, executable=executable, arguments=arguments)
         node._variables, node._output = self._variables, self._output
-        node._respawn, node._on_exit = self._respawn, self._on_exit
+        node._respawn, node._on_exit, node._place = self._respawn, self._on_exit, self._place
         node._respawn_delay, node._respawn_retries = self._respawn_delay, self._respawn_retries
         node.execute(context)
         # A handler that waits for this action means the node.
@@ -426,18 +439,12 @@ class ExecuteProcess(Action):
             delay = number(context, self._respawn_delay, "respawn_delay")
             retries = number(context, self._respawn_retries, "respawn_max_retries")
             plan.respawn = Respawn(delay, int(retries))
-        if self._on_exit is not None:
-            plan.required, plan.farewell = self._at_exit(context)
         context.plan.processes.append(plan)
         context.started.append((self, plan))
-
-    def _at_exit(self, context: LaunchContext) -> tuple[bool, list[str]]:
-        """Whether the launch ends with the process, and what is said before."""
-        actions = self._on_exit if isinstance(self._on_exit, Iterable) else [self._on_exit]
-        found = None if callable(self._on_exit) else at_exit(context, actions)
-        if found is None:
-            raise LaunchError("on_exit is supported with Shutdown() and LogInfo() only")
-        return found
+        if self._on_exit is not None:
+            handler = OnProcessExit(target_action=self, on_exit=self._on_exit)
+            handler.place = self._place
+            handler.register(context)
 
 
 def changed_environment(context: LaunchContext) -> dict[str, str]:

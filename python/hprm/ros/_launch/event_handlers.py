@@ -1,86 +1,193 @@
 """What is done when something happens, as in ``launch.event_handlers``.
 
-A launch is evaluated before it runs. So a handler counts if it says what is known before: that an
-action starts with another one, or that the launch ends with it, or what is said then. Any other one
-is an error.
+Actions of a handler are evaluated with the launch file: what they start is known before. What its
+functions return is not, so these are called when it happens. See ``_reactions.py``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from hprm.ros._launch._entities import LaunchContext, perform, visit
-from hprm.ros._launch._plans import LaunchError
+from hprm.ros._launch._plans import LaunchError, LaunchPlan
+from hprm.ros._launch._reactions import (
+    Kind,
+    Reaction,
+    calling,
+    listed,
+    matcher,
+    place,
+    visited,
+)
 
 
 class EventHandler:
-    """What is done when something happens."""
+    """What is done when something happens.
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        """Take any arguments: a launch that uses it is refused."""
+    Parameters
+    ----------
+    handle_once
+        Whether that is so the first time only.
+
+    """
+
+    def __init__(self, *args: Any, handle_once: bool = False, **kwargs: Any) -> None:
+        """Take any other arguments: a launch that uses this class itself is refused."""
+        self.handle_once = handle_once
+        #: Where it is in its launch file.
+        self.place = place()
 
     def register(self, context: LaunchContext) -> None:
-        """Add to the plan what the handler asks for, or raise ``LaunchError``."""
+        """Note what the handler asks for, or raise ``LaunchError``."""
         raise LaunchError(
-            f"{type(self).__name__} is not supported: a launch is evaluated before it runs; "
-            "OnProcessStart, and OnProcessExit with Shutdown and LogInfo, are"
+            f"{self.place}: {type(self).__name__} is not supported: use OnProcessStart, "
+            "OnProcessIO, OnProcessExit, OnExecutionComplete or OnShutdown"
         )
 
 
-class OnProcessStart(EventHandler):
+BaseEventHandler = EventHandler
+
+
+class _OfProcess(EventHandler):
+    """Actions, or a function that returns some, at an event of a process."""
+
+    kind: Kind
+
+    def __init__(self, target_action: Any, does: Any, **kwargs: Any) -> None:
+        from hprm.ros._launch.actions import ExecuteProcess
+
+        super().__init__(**kwargs)
+        self._target = target_action
+        self._function: Callable[..., Any] | None = does if callable(does) else None
+        self._actions = [] if callable(does) else listed(does)
+        is_process = isinstance(target_action, ExecuteProcess)
+        self._counts = matcher(target_action, lambda _: is_process, self.place)
+
+    def register(self, context: LaunchContext) -> None:
+        """Note what follows."""
+        reaction = Reaction(self.kind, self._counts, _nothing, self.place, self.handle_once)
+        if self._function is None:
+            plan = reaction.plan = visited(context, self._actions)
+            reaction.answer = lambda event: plan
+        else:
+            reaction.answer = calling(context, self._function, takes_context=True)
+        context.reactions.append(reaction)
+
+
+class OnProcessStart(_OfProcess):
     """Actions with the start of another one."""
+
+    kind = "start"
 
     def __init__(self, *, target_action: Any = None, on_start: Any, **kwargs: Any) -> None:
         """Take the action that is waited for, and the actions then."""
-        super().__init__(**kwargs)
-        self._actions = _listed(on_start, "on_start", "OnProcessStart")
+        super().__init__(target_action, on_start, **kwargs)
 
     def register(self, context: LaunchContext) -> None:
-        """Visit the actions: all processes start together."""
-        for action in self._actions:
-            visit(action, context)
+        """Visit the actions if their processes start together; otherwise note what follows."""
+        starts = (plan for action, plan in context.started if action is self._target)
+        now = [it for it in starts if any(it is other for other in context.plan.processes)]
+        if self._function is None and (now or self._target is None):
+            for action in self._actions:
+                visit(action, context)
+            return
+        super().register(context)
 
 
-class OnProcessExit(EventHandler):
-    """What is said, and perhaps the end of the launch, at the end of an action."""
+class OnProcessExit(_OfProcess):
+    """What is done at the end of the process of an action."""
+
+    kind = "exit"
 
     def __init__(self, *, target_action: Any = None, on_exit: Any, **kwargs: Any) -> None:
         """Take the action whose end counts, and the actions then."""
-        super().__init__(**kwargs)
-        self._target = target_action
-        self._actions = _listed(on_exit, "on_exit", "OnProcessExit")
+        super().__init__(target_action, on_exit, **kwargs)
 
     def register(self, context: LaunchContext) -> None:
-        """Add that to the plan."""
-        found = None if self._target is None else at_exit(context, self._actions)
-        if found is None:
-            raise LaunchError(
-                "OnProcessExit is supported with a target_action, Shutdown() and LogInfo() only: "
-                "what else starts at the end of a process is not known before it runs"
-            )
-        context.exits.append((self._target, *found))
+        """Add to the plan what is said, and whether the launch ends; or note what follows."""
+        is_one = self._target is not None and not callable(self._target)
+        is_known = is_one and self._function is None and not self.handle_once
+        found = at_exit(context, self._actions) if is_known and not context.is_later else None
+        if found is not None:
+            context.exits.append((self._target, *found))
+        else:
+            super().register(context)
 
 
-class OnExecutionComplete(EventHandler):
-    """Not supported."""
+class OnExecutionComplete(_OfProcess):
+    """What is done when an action is over, which is when its process has ended."""
+
+    kind = "complete"
+
+    def __init__(self, *, target_action: Any = None, on_completion: Any, **kwargs: Any) -> None:
+        """Take the action whose end counts, and the actions then."""
+        super().__init__(target_action, on_completion, **kwargs)
 
 
 class OnProcessIO(EventHandler):
-    """Not supported."""
+    """What is done when the process of an action has printed a line."""
+
+    def __init__(
+        self,
+        *,
+        target_action: Any = None,
+        on_stdin: Callable[[Any], Any] | None = None,
+        on_stdout: Callable[[Any], Any] | None = None,
+        on_stderr: Callable[[Any], Any] | None = None,
+        **kwargs: Any,
+    ) -> None:
+        """Take the action whose output counts, and functions that get each line."""
+        from hprm.ros._launch.actions import ExecuteProcess
+
+        super().__init__(**kwargs)
+        if on_stdin is not None:
+            raise LaunchError(
+                f"{self.place}: OnProcessIO with on_stdin is not supported: nothing writes to"
+                " processes of a launch"
+            )
+        is_process = isinstance(target_action, ExecuteProcess)
+        self._counts = matcher(target_action, lambda _: is_process, self.place)
+        self._functions = {1: on_stdout, 2: on_stderr}
+
+    def register(self, context: LaunchContext) -> None:
+        """Note what follows."""
+
+        def call(event: Any) -> Any:
+            function = self._functions[1 if event.from_stdout else 2]
+            return None if function is None else function(event)
+
+        answer = calling(context, call, takes_context=False)
+        context.reactions.append(
+            Reaction("output", self._counts, answer, self.place, self.handle_once)
+        )
 
 
 class OnShutdown(EventHandler):
-    """Not supported."""
+    """What is done when the launch ends; nothing starts then."""
+
+    def __init__(self, *, on_shutdown: Any, **kwargs: Any) -> None:
+        """Take the actions, or a function that gets the event and the context."""
+        super().__init__(**kwargs)
+        self._does = on_shutdown
+
+    def register(self, context: LaunchContext) -> None:
+        """Note what follows."""
+        reaction = Reaction("shutdown", lambda action: True, _nothing, self.place, True)
+        if callable(self._does):
+            reaction.answer = calling(context, self._does, takes_context=True)
+        else:
+            plan = reaction.plan = visited(context, listed(self._does))
+            if plan.processes:
+                raise LaunchError(
+                    f"{self.place}: OnShutdown starts no processes, as in ROS 2: the launch ends"
+                )
+            reaction.answer = lambda event: plan
+        context.reactions.append(reaction)
 
 
-def _listed(actions: Any, name: str, handler: str) -> list[Any]:
-    if callable(actions):
-        raise LaunchError(
-            f"{handler} with a function as {name} is not supported: a launch is evaluated before "
-            "it runs"
-        )
-    return list(actions) if isinstance(actions, Iterable) else [actions]
+def _nothing(event: Any) -> LaunchPlan:
+    return LaunchPlan()
 
 
 def at_exit(context: LaunchContext, actions: Iterable[Any]) -> tuple[bool, list[str]] | None:

@@ -122,6 +122,9 @@ class ZenohBridge:
         match kind:
             case "endpoint":
                 self._declare(sender, Endpoint(**told[1]))
+            case "joined":
+                # What was told before has not reached it.
+                self._arrivals.put("joined", sender)
             case "node":
                 self._local.declare_node(sender, told[1])
             case "message":
@@ -144,6 +147,8 @@ class ZenohBridge:
                     told += self._response(*what)
                 case "left":
                     self._local.leave(what[0])
+                case "joined":
+                    told += [((what[0],), it) for it in self._outside.known()]
         return told
 
     def due(self, news: Any, now: int) -> int:

@@ -78,6 +78,16 @@ class Outside:
                 news.append(("open", flow.kind, flow.name))
         return news
 
+    def known(self) -> list[News]:
+        """Return what a script has to be told that begins later than others."""
+        news: list[News] = []
+        for text, token in self._tokens.items():
+            if token.kind == "node":
+                news.append(("node", BRIDGE, token.node))
+            elif text in self._announced:
+                news.append(("endpoint", BRIDGE, asdict(_endpoint(token))))
+        return [*news, *(("open", it.kind, it.name) for it, count in self._open.items() if count)]
+
     def remove(self, text: str) -> list[News]:
         """Note that a token is gone."""
         token = self._tokens.pop(text, None)
