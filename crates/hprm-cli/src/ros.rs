@@ -34,6 +34,9 @@ pub(crate) fn launch(arguments: &Launch) -> Result<ExitCode, Error> {
     if arguments.show_args {
         command.arg("--show-args");
     }
+    if arguments.print_description {
+        command.arg("--print-description");
+    }
     command.arg("--").arg(&arguments.file).args(&arguments.arguments);
     Err(replace(command))
 }

@@ -101,6 +101,7 @@ def _parser() -> argparse.ArgumentParser:
     launch = commands.add_parser("launch", help="start what a launch file asks for", **whole)
     _add_options(launch)
     launch.add_argument("--show-args", action="store_true", help="show its arguments")
+    launch.add_argument("--print-description", action="store_true", help="show its actions")
     launch.add_argument("file", help="a launch file in Python, XML or YAML")
     launch.add_argument("arguments", nargs="*", help="NAME:=VALUE")
     call = commands.add_parser("call", help="call a function, as an entry point does", **whole)

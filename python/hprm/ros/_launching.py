@@ -14,6 +14,7 @@ from hprm.ros._coordinator import coordinate
 from hprm.ros._following import Following
 from hprm.ros._launch import (
     LaunchError,
+    LaunchIntrospector,
     NodePlan,
     declared_arguments,
     evaluate,
@@ -21,6 +22,7 @@ from hprm.ros._launch import (
 )
 from hprm.ros._launch._packages import find_package
 from hprm.ros._launch._plans import ArgumentPlan, ProcessPlan
+from hprm.ros._launch.launch_description_sources import load
 from hprm.ros._members import Plan
 from hprm.ros._zenoh.session import Settings
 
@@ -40,6 +42,9 @@ def launch(options: argparse.Namespace, settings: Settings | None = None) -> int
         arguments = parse_arguments(words)
         if options.show_args:
             _show(declared_arguments(file, arguments))
+            return 0
+        if options.print_description:
+            print(LaunchIntrospector().format_launch_description(load(Path(file).resolve())))
             return 0
         plan = evaluate(file, arguments)
         following = Following(plan, _plan)

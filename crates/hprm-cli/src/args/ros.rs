@@ -111,6 +111,7 @@ Examples:
   hprm launch robot.launch.py
   hprm launch robot.launch.yaml camera:=front rate:=10
   hprm launch --show-args robot.launch.py
+  hprm launch --print-description robot.launch.py
   hprm launch robot_bringup robot.launch.py
 
 A package is a folder of its name: beside the launch file, in a folder above or in the src of one, or in
@@ -123,6 +124,9 @@ pub(crate) struct Launch {
     /// Show the arguments that the file takes, and start nothing.
     #[arg(long, short = 's')]
     pub(crate) show_args: bool,
+    /// Show the actions of the file as a tree, and start nothing.
+    #[arg(long, short = 'p', conflicts_with = "show_args")]
+    pub(crate) print_description: bool,
     /// The launch file; or the package that has it, with its name behind that.
     #[arg(value_name = "FILE")]
     pub(crate) file: PathBuf,

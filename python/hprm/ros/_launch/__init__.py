@@ -23,6 +23,7 @@ from hprm.ros._launch._entities import Substitution as Substitution
 from hprm.ros._launch._evaluate import declared_arguments as declared_arguments
 from hprm.ros._launch._evaluate import evaluate as evaluate
 from hprm.ros._launch._evaluate import parse_arguments as parse_arguments
+from hprm.ros._launch._introspection import LaunchIntrospector as LaunchIntrospector
 from hprm.ros._launch._plans import LaunchError as LaunchError
 from hprm.ros._launch._plans import LaunchPlan as LaunchPlan
 from hprm.ros._launch._plans import NodePlan as NodePlan
@@ -46,6 +47,7 @@ __all__ = [
     "LaunchDescription",
     "LaunchDescriptionEntity",
     "LaunchDescriptionSource",
+    "LaunchIntrospector",
     "SomeSubstitutionsType",
     "Substitution",
 ]
@@ -53,7 +55,7 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Say of what launch has, and this package does not, what serves instead."""
-    if name in ("LaunchService", "LaunchIntrospector"):
+    if name == "LaunchService":
         raise ImportError(
             f"launch.{name} is not there: the command `hprm launch` runs launch files"
         )

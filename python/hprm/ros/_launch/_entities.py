@@ -70,6 +70,15 @@ def described(text: SomeText) -> str:
     return " + ".join(each.describe() for each in normalized(text))
 
 
+def named(it: object, **facts: Any) -> str:
+    """Return which class of ``launch`` or ``launch_ros`` this is of, and texts that it states."""
+    module = type(it).__module__.removeprefix("hprm.ros._")
+    # Files whose names begin so are parts of their package.
+    module = ".".join(part for part in module.split(".") if not part.startswith("_"))
+    stated = [f" {name}={described(text)}" for name, text in facts.items() if text is not None]
+    return f"<{module}.{type(it).__name__}{''.join(stated)}>"
+
+
 def truth(text: str, what: str = "a condition") -> bool:
     """Return what a text says; raise ``LaunchError`` if it is neither true nor false."""
     plain = text.strip().lower()
@@ -131,6 +140,10 @@ class Action(LaunchDescriptionEntity):
     def execute(self, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
         """Do it; return what is to be visited then."""
         raise NotImplementedError(f"{type(self).__name__} has no method execute")
+
+    def describe(self) -> str:
+        """Return what it is, for those that read a launch description as text."""
+        return named(self)
 
 
 class LaunchDescription(LaunchDescriptionEntity):

@@ -16,6 +16,7 @@ from hprm.ros._launch._entities import (
     Pair,
     SomeText,
     flag,
+    named,
     normalized,
     number,
     perform,
@@ -50,6 +51,10 @@ class DeclareLaunchArgument(Action):
         self.default_value = None if default_value is None else normalized(default_value)
         self.description = description
         self.choices = None if choices is None else list(choices)
+
+    def describe(self) -> str:
+        """Return what it is, with its name."""
+        return named(self, name=self.name)
 
     def execute(self, context: LaunchContext) -> None:
         """Set the configuration; raise ``LaunchError`` if there is no value, or a wrong one."""
@@ -210,6 +215,10 @@ class IncludeLaunchDescription(Action):
             launch_description_source = PythonLaunchDescriptionSource(launch_description_source)
         self.launch_description_source = launch_description_source
         self.launch_arguments = list(launch_arguments or ())
+
+    def describe(self) -> str:
+        """Return what it is, with its file."""
+        return named(self, file=self.launch_description_source.location)
 
     def execute(self, context: LaunchContext) -> None:
         """Evaluate the file, in its own folder."""
@@ -376,9 +385,10 @@ class ExecuteProcess(Action):
         """Take the command: each element is one word of it."""
         super().__init__(condition=condition)
         self.cmd = [normalized(word) for word in cmd]
-        self._name, self._cwd = name, cwd
+        self._name, self.cwd = name, cwd
+        self.env, self.additional_env = env, additional_env
         self._variables = {**dict(env or {}), **dict(additional_env or {})}
-        self._shell = options.pop("shell", False)
+        self.shell = options.pop("shell", False)
         self._output = options.pop("output", "log")
         self._respawn = options.pop("respawn", False)
         self._respawn_delay = options.pop("respawn_delay", None) or 0.0
@@ -395,10 +405,10 @@ class ExecuteProcess(Action):
         if context.finds_arguments or self._program(context):
             return
         command = [perform(context, word) for word in self.cmd]
-        shell = flag(context, self._shell, "shell")
+        shell = flag(context, self.shell, "shell")
         if self._prefix is not None:
             command = shlex.split(perform(context, self._prefix)) + command
-        folder = None if self._cwd is None else Path(perform(context, self._cwd))
+        folder = None if self.cwd is None else Path(perform(context, self.cwd))
         name = None if self._name is None else perform(context, self._name)
         self._start(context, ProcessPlan(command, name, folder=folder, shell=shell))
 

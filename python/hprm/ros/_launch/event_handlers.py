@@ -38,6 +38,22 @@ class EventHandler:
         #: Where it is in its launch file.
         self.place = place()
 
+    @property
+    def matcher_description(self) -> str:
+        """For which events it counts."""
+        return "None"
+
+    @property
+    def handler_description(self) -> str:
+        """What it does: actions, or functions."""
+        return "None"
+
+    def describe(self) -> tuple[str, list[Any]]:
+        """Return what it is, and its actions."""
+        matcher, handler = self.matcher_description, self.handler_description
+        told = f"matcher='{matcher}', handler='{handler}', handle_once={self.handle_once}"
+        return f"{type(self).__name__}({told})", []
+
     def register(self, context: LaunchContext) -> None:
         """Note what the handler asks for, or raise ``LaunchError``."""
         raise LaunchError(
@@ -53,6 +69,8 @@ class _OfProcess(EventHandler):
     """Actions, or a function that returns some, at an event of a process."""
 
     kind: Kind
+    #: The event, as it is called in launch.
+    _event = ""
 
     def __init__(self, target_action: Any, does: Any, **kwargs: Any) -> None:
         from hprm.ros._launch.actions import ExecuteProcess
@@ -63,6 +81,20 @@ class _OfProcess(EventHandler):
         self._actions = [] if callable(does) else listed(does)
         is_process = isinstance(target_action, ExecuteProcess)
         self._counts = matcher(target_action, lambda _: is_process, self.place)
+
+    @property
+    def matcher_description(self) -> str:
+        """For which events it counts."""
+        return _matching(self._event, self._target)
+
+    @property
+    def handler_description(self) -> str:
+        """What it does: actions, or a function."""
+        return "<actions>" if self._function is None else _function(self._function)
+
+    def describe(self) -> tuple[str, list[Any]]:
+        """Return what it is, and its actions."""
+        return super().describe()[0], list(self._actions)
 
     def register(self, context: LaunchContext) -> None:
         """Note what follows."""
@@ -79,6 +111,7 @@ class OnProcessStart(_OfProcess):
     """Actions with the start of another one."""
 
     kind = "start"
+    _event = "ProcessStarted"
 
     def __init__(self, *, target_action: Any = None, on_start: Any, **kwargs: Any) -> None:
         """Take the action that is waited for, and the actions then."""
@@ -99,6 +132,7 @@ class OnProcessExit(_OfProcess):
     """What is done at the end of the process of an action."""
 
     kind = "exit"
+    _event = "ProcessExited"
 
     def __init__(self, *, target_action: Any = None, on_exit: Any, **kwargs: Any) -> None:
         """Take the action whose end counts, and the actions then."""
@@ -119,6 +153,7 @@ class OnExecutionComplete(_OfProcess):
     """What is done when an action is over, which is when its process has ended."""
 
     kind = "complete"
+    _event = "ExecutionComplete"
 
     def __init__(self, *, target_action: Any = None, on_completion: Any, **kwargs: Any) -> None:
         """Take the action whose end counts, and the actions then."""
@@ -148,7 +183,18 @@ class OnProcessIO(EventHandler):
             )
         is_process = isinstance(target_action, ExecuteProcess)
         self._counts = matcher(target_action, lambda _: is_process, self.place)
+        self._target = target_action
         self._functions = {1: on_stdout, 2: on_stderr}
+
+    @property
+    def matcher_description(self) -> str:
+        """For which events it counts."""
+        return _matching("ProcessIO", self._target)
+
+    @property
+    def handler_description(self) -> str:
+        """What it does."""
+        return ", ".join(_function(it) for it in self._functions.values() if it is not None)
 
     def register(self, context: LaunchContext) -> None:
         """Note what follows."""
@@ -171,6 +217,20 @@ class OnShutdown(EventHandler):
         super().__init__(**kwargs)
         self._does = on_shutdown
 
+    @property
+    def matcher_description(self) -> str:
+        """For which events it counts."""
+        return "event issubclass of launch.events.Shutdown"
+
+    @property
+    def handler_description(self) -> str:
+        """What it does: actions, or a function."""
+        return _function(self._does) if callable(self._does) else "<actions>"
+
+    def describe(self) -> tuple[str, list[Any]]:
+        """Return what it is, and its actions."""
+        return super().describe()[0], [] if callable(self._does) else listed(self._does)
+
     def register(self, context: LaunchContext) -> None:
         """Note what follows."""
         reaction = Reaction("shutdown", lambda action: True, _nothing, self.place, True)
@@ -184,6 +244,18 @@ class OnShutdown(EventHandler):
                 )
             reaction.answer = lambda event: plan
         context.reactions.append(reaction)
+
+
+def _matching(event: str, target: Any) -> str:
+    """Describe which events count, as launch does."""
+    if target is None:
+        return f"event == {event}"
+    kind = "Action" if event == "ExecutionComplete" else "ExecuteLocal"
+    return f"event == {event} and {kind}(event.action)"
+
+
+def _function(it: Any) -> str:
+    return f"<function {getattr(it, '__qualname__', type(it).__qualname__)}>"
 
 
 def _nothing(event: Any) -> LaunchPlan:

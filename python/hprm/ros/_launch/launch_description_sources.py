@@ -54,6 +54,11 @@ class LaunchDescriptionSource:
         """Take a description that exists already."""
         self._description = launch_description
 
+    @property
+    def location(self) -> SomeText | None:
+        """What states the file, if there is one."""
+        return None
+
     def path(self, context: LaunchContext) -> Path | None:
         """Return the file that it comes from, if there is one."""
         return None
@@ -69,6 +74,11 @@ class AnyLaunchDescriptionSource(LaunchDescriptionSource):
     def __init__(self, launch_file_path: SomeText) -> None:
         """Take the path; a relative one begins at the launch file that includes it."""
         self._path = normalized(launch_file_path)
+
+    @property
+    def location(self) -> SomeText:
+        """What states the file."""
+        return self._path
 
     def path(self, context: LaunchContext) -> Path:
         """Return the path of the file."""

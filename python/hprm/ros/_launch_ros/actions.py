@@ -14,6 +14,7 @@ from hprm.ros._launch._entities import (
     Pair,
     SomeText,
     flag,
+    named,
     perform,
 )
 from hprm.ros._launch._packages import Program, find_program
@@ -72,6 +73,10 @@ class Node(ExecuteProcess):
         self._remappings = list(remappings or ())
         self._ros_arguments = list(ros_arguments or ())
         self._arguments = list(arguments or ())
+
+    def describe(self) -> str:
+        """Return what it is, with what it starts."""
+        return named(self, package=self._package, executable=self._executable, name=self._node_name)
 
     def execute(self, context: LaunchContext) -> None:
         """Find the program, and add the node to the plan."""
