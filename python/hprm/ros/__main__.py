@@ -27,6 +27,7 @@ from hprm.ros import (
     _user_modules,
     _words,
 )
+from hprm.ros._messages.packages import note_called
 from hprm.ros.exceptions import ROSInterruptException
 from hprm.ros.executors import ExternalShutdownException
 
@@ -141,7 +142,9 @@ def _call(options: argparse.Namespace) -> int:
     sys.argv = [options.function, *options.arguments]
     sys.path[0] = options.root
     # Any file of the package, around which others are.
-    _user_modules.install(Path(options.root, "setup.py"))
+    beside = Path(options.root, "setup.py")
+    _user_modules.install(beside)
+    note_called(str(beside))
 
     def call() -> object:
         found: Any = importlib.import_module(options.module)

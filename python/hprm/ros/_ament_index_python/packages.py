@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hprm.ros._launch._packages import PackageError, find_package
+from hprm.ros._launch._packages import PackageError, find_package, find_share
 from hprm.ros._messages.packages import program
 
 
@@ -24,7 +24,7 @@ def get_package_share_directory(package_name: str, print_warning: bool = True) -
     Raises ``PackageNotFoundError`` that says where it was looked for.
     """
     try:
-        return str(find_package(package_name, _near()))
+        return str(find_share(package_name, _near()))
     except PackageError as error:
         raise PackageNotFoundError(str(error)) from None
 
@@ -35,8 +35,11 @@ def get_package_share_path(package_name: str, print_warning: bool = True) -> Pat
 
 
 def get_package_prefix(package_name: str) -> str:
-    """Return the folder of a package: nothing is installed, so it is the same."""
-    return get_package_share_directory(package_name)
+    """Return the folder of a package's source: nothing is installed."""
+    try:
+        return str(find_package(package_name, _near()))
+    except PackageError as error:
+        raise PackageNotFoundError(str(error)) from None
 
 
 def _near() -> Path:

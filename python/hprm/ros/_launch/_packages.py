@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hprm.ros._launch._plans import LaunchError
+from hprm.ros._launch._shares import share_of
 from hprm.ros._messages.packages import PACKAGES
 
 _NAME = re.compile(r"<name>\s*([\w-]+)\s*</name>")
@@ -60,6 +61,14 @@ def find_package(name: str, near: Path) -> Path:
         + "\n".join(places)
         + f"\nset {PACKAGES} to the folder that has it"
     )
+
+
+def find_share(name: str, near: Path) -> Path:
+    """Return the folder in which the files of a package are, as seen from a file or folder.
+
+    Raises ``PackageError`` that says where it was looked for.
+    """
+    return share_of(name, find_package(name, near))
 
 
 def _variable() -> list[Path]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hprm.ros._launch._entities import LaunchContext, SomeText, Substitution, normalized, perform
-from hprm.ros._launch._packages import find_package, find_program
+from hprm.ros._launch._packages import find_package, find_program, find_share
 from hprm.ros._launch.substitutions import PathJoinSubstitution, SubstitutionFailure
 
 
@@ -16,7 +16,7 @@ class FindPackageShare(Substitution):
 
     def perform(self, context: LaunchContext) -> str:
         """Return the folder; raise ``PackageError`` if there is none."""
-        return str(find_package(perform(context, self.package), context.folder))
+        return str(find_share(perform(context, self.package), context.folder))
 
     def find(self, package_name: str) -> str:
         """Return the folder of a package, as seen from the working folder."""
@@ -27,7 +27,11 @@ class FindPackageShare(Substitution):
 
 
 class FindPackagePrefix(FindPackageShare):
-    """The folder of a package: nothing is installed, so it is the same."""
+    """The folder of a package's source: nothing is installed."""
+
+    def perform(self, context: LaunchContext) -> str:
+        """Return the folder; raise ``PackageError`` if there is none."""
+        return str(find_package(perform(context, self.package), context.folder))
 
 
 FindPackage = FindPackageShare

@@ -87,8 +87,19 @@ def of_users(program: str | None) -> dict[str, Package]:
     return found
 
 
+#: A file beside the running program, where this package calls a function of that.
+_called: list[str] = []
+
+
+def note_called(file: str) -> None:
+    """Look for packages around this file, since the program is a function that is called."""
+    _called[:] = [file]
+
+
 def program() -> str | None:
     """Return the file of the running program, if it has one."""
+    if _called:
+        return _called[0]
     name = getattr(sys.modules.get("__main__"), "__file__", None)
     return name or (sys.argv[0] if sys.argv else None)
 

@@ -1,0 +1,203 @@
+"""Where the files of a package are that ``data_files`` of its ``setup.py`` puts elsewhere."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from processes import Bench, finish
+from ros_workspaces import demo_package
+
+from hprm.ros._launch import _shares
+from hprm.ros._launch._packages import find_package, find_share
+
+SETUP = """\
+import os
+from glob import glob
+from setuptools import Command, find_packages, setup
+from setuptools.command.build_py import build_py
+
+package_name = "demo"
+print("of the script")
+
+
+class Builds(build_py, Command):
+    def run(self):
+        build_py.run(self)
+
+
+setup(
+    name=package_name,
+    packages=find_packages(exclude=["test"]),
+    cmdclass={"build_py": Builds},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
+        ("share/" + package_name, ["package.xml"]),
+        (os.path.join("share", package_name, "launch"), glob("launch/*.launch.py")),
+MORE
+    ],
+    entry_points={"console_scripts": ["talker = demo.talker:main"]},
+)
+"""
+
+MORE = """\
+        (f"share/{package_name}", glob("launch/*.launch.py")),
+        (os.path.join("share", package_name, "config"), glob("params/*.yaml")),
+        (os.path.join("share", package_name, "models", "arm"), ["urdf/arm.urdf", "urdf/none"]),
+        ("lib/demo", ["urdf/arm.urdf"]),
+        "README.md",
+"""
+
+
+@pytest.fixture
+def demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A package whose files have other places when it is installed."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    demo = demo_package(tmp_path)
+    for name in ("launch/a.launch.py", "params/p.yaml", "urdf/arm.urdf", "config/own.yaml"):
+        (demo / name).parent.mkdir(exist_ok=True)
+        (demo / name).write_text(name)
+    state(demo, MORE)
+    return demo
+
+
+def state(demo: Path, more: str) -> None:
+    (demo / "setup.py").write_text(SETUP.replace("MORE\n", more))
+    _shares._data_files.cache_clear()
+
+
+def share(demo: Path) -> Path:
+    return find_share("demo", demo / "launch" / "a.launch.py")
+
+
+def test_files_are_where_an_installation_has_them_and_where_the_source_has_them(
+    demo: Path,
+) -> None:
+    found = share(demo)
+    assert found.name == "demo" and found != demo
+    texts = {
+        "a.launch.py": "launch/a.launch.py",
+        "launch/a.launch.py": "launch/a.launch.py",
+        "config/p.yaml": "params/p.yaml",
+        "config/own.yaml": "config/own.yaml",
+        "models/arm/arm.urdf": "urdf/arm.urdf",
+        "params/p.yaml": "params/p.yaml",
+    }
+    assert {it: (found / it).read_text() for it in texts} == texts
+    assert not (found / "models/arm/none").exists()
+    assert find_package("demo", demo) == demo
+
+
+def test_the_folder_is_that_of_the_source_if_all_is_there(demo: Path) -> None:
+    state(demo, "")
+    assert share(demo) == demo
+    (demo / "setup.py").unlink()
+    _shares._data_files.cache_clear()
+    assert share(demo) == demo
+
+
+def test_links_follow_what_the_package_states(demo: Path) -> None:
+    before = share(demo)
+    (demo / "params" / "p.yaml").rename(demo / "params" / "q.yaml")
+    state(demo, MORE.replace("models", "config"))
+    assert share(demo) == before
+    assert sorted(os.listdir(before / "config")) == ["arm", "own.yaml", "q.yaml"]
+    assert not (before / "models").exists()
+    (demo / "models").mkdir()
+    state(demo, MORE.replace('"config"', '"models"').replace('"models", "arm"', '"launch"'))
+    assert share(demo) == before
+    assert (before / "config").readlink() == demo / "config"
+    assert sorted(os.listdir(before / "models")) == ["q.yaml"]
+    assert sorted(os.listdir(before / "launch")) == ["a.launch.py", "arm.urdf"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("data_files = [\n", "setup.py:1: SyntaxError: '[' was never closed (setup.py, line 1)\n"),
+        ("data_files = []\n\n1 / 0\n", "setup.py:3: ZeroDivisionError: division by zero\n"),
+        ("data_files = []\nimport os\nos._exit(3)\n", "setup.py:1: it ends early\n"),
+    ],
+)
+def test_a_script_that_is_wrong_is_a_warning(
+    demo: Path, capsys: pytest.CaptureFixture[str], text: str, said: str
+) -> None:
+    (demo / "setup.py").write_text(text)
+    _shares._data_files.cache_clear()
+    assert share(demo) == demo
+    warning = capsys.readouterr().err
+    assert warning.startswith("warning: ") and said in warning
+    assert share(demo) == demo
+    assert capsys.readouterr().err == ""
+
+
+def test_a_share_that_cannot_be_made_is_a_warning(
+    demo: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "cache").write_text("a file")
+    assert share(demo) == demo
+    assert f"warning: {demo}: its share cannot be made: " in capsys.readouterr().err
+
+
+LAUNCH = """\
+import os
+from ament_index_python.packages import get_package_prefix, get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import LogInfo
+from launch.substitutions import FileContent, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.substitutions import FindPackagePrefix, FindPackageShare
+
+
+def generate_launch_description():
+    path = os.path.join(get_package_share_directory("demo"), "config", "p.yaml")
+    share = PathJoinSubstitution([FindPackageShare("demo"), "models", "arm", "arm.urdf"])
+    with open(path) as file:
+        text = file.read()
+    return LaunchDescription([
+        LogInfo(msg=text),
+        LogInfo(msg=FileContent(share)),
+        LogInfo(msg=FindPackagePrefix("demo")),
+        LogInfo(msg=get_package_prefix("demo")),
+        Node(package="demo", executable="talker"),
+    ])
+"""
+
+TALKER = """\
+from ament_index_python.packages import get_package_share_path
+
+
+def main():
+    print((get_package_share_path("demo") / "config" / "p.yaml").read_text())
+"""
+
+
+def test_launch_files_and_programs_find_them(bench: Bench, demo: Path) -> None:
+    (demo / "launch" / "a.launch.py").write_text(LAUNCH)
+    (demo / "demo" / "talker.py").write_text(TALKER)
+    outcome = finish(bench.call("launch", str(demo / "launch" / "a.launch.py")))
+    assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.out.splitlines() == [
+        "params/p.yaml",
+        "urdf/arm.urdf",
+        *[str(demo)] * 2,
+        "[talker-1] params/p.yaml",
+    ]
+
+
+def test_a_program_of_an_entry_point_finds_messages_of_its_workspace(
+    bench: Bench, demo: Path
+) -> None:
+    (demo.parent / "demo_msgs" / "msg").mkdir(parents=True)
+    (demo.parent / "demo_msgs" / "msg" / "Thing.msg").write_text("int32 count\n")
+    (demo / "demo" / "talker.py").write_text(
+        "from demo_msgs.msg import Thing\n\n\ndef main():\n    print(Thing(count=3))\n"
+    )
+    (demo / "launch" / "a.launch.py").write_text(
+        LAUNCH[: LAUNCH.index("    path =")]
+        + '    return LaunchDescription([Node(package="demo", executable="talker")])\n'
+    )
+    outcome = finish(bench.call("launch", str(demo / "launch" / "a.launch.py")))
+    assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.out == "[talker-1] demo_msgs.msg.Thing(count=3)\n"
