@@ -222,3 +222,48 @@ def test_what_is_kept_is_there_for_one_that_waits_for_a_message(
     outcome = finish(bench.call("ros", "run", "one.py"))
     assert (outcome.code, outcome.err) == (0, "")
     assert outcome.out.splitlines() == ["(True, std_msgs.msg.Int64(data=5))", "(False, None)"]
+
+
+ENDED = """
+node.create_publisher(Int64, "numbers", kept())
+at(0.1, end)
+rclpy.spin(node)
+"""
+
+WAITS = """
+publisher = node.create_publisher(Int64, "numbers", kept())
+
+
+def make():
+    global made
+    made = node.get_clock().now()
+    node.create_subscription(Int64, "numbers", take, kept(5))
+
+
+def take(message):
+    waited = node.get_clock().now() - made
+    print(message.data, "after", waited.nanoseconds // 1_000_000, "ms", flush=True)
+
+
+at(0.2, lambda: publisher.publish(Int64(data=1)))
+at(0.3, make)
+at(0.5, lambda: publisher.publish(Int64(data=2)))
+at(0.9, lambda: publisher.publish(Int64(data=3)))
+at(1.0, end)
+rclpy.spin(node)
+"""
+
+
+def test_a_later_subscription_waits_half_a_second_for_a_script_that_does_not_answer(
+    bench: Bench, tmp_path: Path
+) -> None:
+    (tmp_path / "ended.py").write_text(HEAD + ENDED)
+    (tmp_path / "waits.py").write_text(HEAD + WAITS)
+    outcome = finish(bench.call("ros", "run", "--fast", "true", "ended.py", "+", "waits.py"))
+    assert (outcome.code, outcome.err) == (0, "")
+    # In logical time, so that is the same on every run.
+    assert outcome.out.splitlines() == [
+        "[waits-2] 1 after 500 ms",
+        "[waits-2] 2 after 500 ms",
+        "[waits-2] 3 after 600 ms",
+    ]
