@@ -40,6 +40,9 @@ PATIENCE_S = 8.0
 #: After how many seconds scripts are named that the others wait for.
 SLOW_S = 10.0
 
+#: For how many seconds the last lines of a process may come after its end.
+LINES_S = 1.0
+
 #: How many nodes that only functions of a launch file know may start once the others run, and what
 #: stands for one until then.
 SPARES = 8
@@ -134,7 +137,7 @@ class Coordinator:
     def _attend(self, member: Member) -> None:
         """Listen to a process that was started."""
         self._selector.register(member.connection, selectors.EVENT_READ, member)
-        threading.Thread(target=self._await, args=(member,), daemon=True).start()
+        readers = []
         for descriptor, stream, out in (
             (1, member.process.stdout, sys.stdout),
             (2, member.process.stderr, sys.stderr),
@@ -143,7 +146,9 @@ class Coordinator:
             shown = (member, stream, out, descriptor)
             reader = threading.Thread(target=self._show, args=shown)
             reader.start()
-            self._readers.append(reader)
+            readers.append(reader)
+        self._readers += readers
+        threading.Thread(target=self._await, args=(member, readers), daemon=True).start()
 
     def run(self) -> int:
         """Coordinate to the end; return the exit code."""
@@ -189,7 +194,11 @@ class Coordinator:
             self._send(signal.SIGKILL)
         for due, member in [it for it in self._due if now >= it[0]]:
             self._due.remove((due, member))
-            self._start(member)
+            if self._signals or self._is_over:
+                # That has come in between.
+                member.code = 0
+            else:
+                self._start(member)
         if self._slow_at is not None and now >= self._slow_at:
             self._slow_at = None
             self._name_the_slow()
@@ -358,8 +367,13 @@ class Coordinator:
 
     # Ends.
 
-    def _await(self, member: Member) -> None:
-        member.ending = member.process.wait()
+    def _await(self, member: Member, readers: list[threading.Thread]) -> None:
+        ending = member.process.wait()
+        if self._following is not None and self._following.looks_at_output:
+            # What follows of the last lines comes first; a process of it may keep the pipes open.
+            for reader in readers:
+                reader.join(LINES_S)
+        member.ending = ending
         self._wakeup.send(b"\0")
 
     def _note_end(self, member: Member, ending: int) -> None:
