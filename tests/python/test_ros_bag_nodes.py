@@ -183,6 +183,93 @@ def test_what_a_script_publishes_is_recorded_until_ctrl_c(bench: Bench, words: l
         ]
 
 
+KEEPS = """
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
+
+KEPT = QoSProfile(depth=3, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+WEAK = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
+rclpy.init()
+node = Node("keeps")
+"""
+
+OFFERS = """
+publishers = [
+    node.create_publisher(String, "/kept", KEPT), node.create_publisher(String, "/kept", 10),
+    node.create_publisher(String, "/weak", WEAK), node.create_publisher(String, "/quiet", WEAK),
+]
+count = 0
+
+
+def tick():
+    global count
+    count += 1
+    for each in publishers[:3]:
+        each.publish(String(data=str(count)))
+    if count == 10:
+        print("all is said", flush=True)
+
+
+node.create_timer(0.05, tick)
+rclpy.spin(node)
+"""
+
+TAKES = """
+node.create_subscription(String, "/kept", lambda it: print("kept", it.data, flush=True), KEPT)
+node.create_subscription(String, "/weak", lambda it: print("weak", it.data, flush=True), WEAK)
+node.create_subscription(String, "/weak", print, 10)
+node.create_subscription(String, "/a/tf_static", lambda it: print("old", it.data, flush=True), KEPT)
+try:
+    rclpy.spin(node)
+except KeyboardInterrupt:
+    pass
+"""
+
+
+def test_a_bag_has_the_quality_of_service_of_publishers_with_which_it_is_played(
+    bench: Bench,
+) -> None:
+    (bench.folder / "offers.py").write_text(KEEPS + OFFERS)
+    (bench.folder / "takes.py").write_text(KEEPS + TAKES)
+    kinds = [f"/{it}=std_msgs/msg/String" for it in ("kept", "weak", "quiet")]
+    process = called(bench, "record", "--output", "bag", *kinds, "+", "offers.py")
+    hear(process.stdout, "all is said\n")
+    process.send_signal(signal.SIGINT)
+    finish(process)
+    with BagReader(bench.folder / "bag") as bag:
+        found = {
+            it.topic: [(each.durability.name, each.depth) for each in it.ext.offered_qos_profiles]
+            for it in bag.connections()
+        }
+    assert found == {
+        "/kept": [("TRANSIENT_LOCAL", 3), ("VOLATILE", 10)],
+        "/weak": [("VOLATILE", 2)],
+        "/quiet": [("VOLATILE", 2)],
+    }
+    process = called(bench, "play", "bag", "+", "takes.py")
+    heard = hear(process.stdout, "weak 3\n")
+    process.send_signal(signal.SIGINT)
+    outcome = finish(process)
+    told = [it.removeprefix("[takes-2] ") for it in (heard + outcome.out).splitlines()]
+    assert [it for it in told if "kept" in it][:2] == ["kept 1", "kept 1"]
+    assert [it for it in told if "weak" in it][:3] == ["weak 1", "weak 2", "weak 3"]
+    assert len(told) == len([it for it in told if it.startswith(("kept", "weak"))])
+    assert "Last incompatible policy: RELIABILITY" in outcome.err
+
+
+def test_static_transforms_of_a_bag_without_policies_are_kept(bench: Bench) -> None:
+    (bench.folder / "takes.py").write_text(KEEPS + TAKES)
+    with BagWriter(bench.folder / "bag", mode="wait") as writer:
+        text = class_of("std_msgs/msg/String")
+        writer.put("/a/tf_static", text, 1, text(data="one"))
+    process = called(bench, "play", "bag", "+", "takes.py")
+    hear(process.stdout, "[takes-2] old one\n")
+    process.send_signal(signal.SIGINT)
+    assert finish(process).err == ""
+
+
 def test_a_topic_that_is_never_there_is_told(bench: Bench) -> None:
     process = called(bench, "record", "--output", "bag", "/none", "+", "talker.py")
     hear(process.stdout, "all is said\n")

@@ -13,11 +13,12 @@ from typing import Any
 import hprm.ros
 from hprm.ros._bags.definitions import class_in
 from hprm.ros._bags.errors import BagError
+from hprm.ros._bags.qualities import played
 from hprm.ros._bags.reading import BagReader
 from hprm.ros.executors import ExternalShutdownException
 from hprm.ros.node import Node
 from hprm.ros.publisher import Publisher
-from hprm.ros.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from hprm.ros.qos import QoSProfile
 
 _DEPTH = 10
 
@@ -73,15 +74,8 @@ class Player:
 
 
 def _quality(connection: Any) -> QoSProfile:
-    """Return the quality of service with which a topic was recorded, as far as it matters here."""
-    quality = QoSProfile(depth=_DEPTH)
-    for it in connection.ext.offered_qos_profiles[:1]:
-        quality = QoSProfile(depth=max(it.depth, _DEPTH))
-        if it.durability.name == "TRANSIENT_LOCAL":
-            quality.durability = DurabilityPolicy.TRANSIENT_LOCAL
-        if it.reliability.name == "BEST_EFFORT":
-            quality.reliability = ReliabilityPolicy.BEST_EFFORT
-    return quality
+    offers = list(getattr(connection.ext, "offered_qos_profiles", ()))
+    return played(connection.topic, offers, _DEPTH)
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

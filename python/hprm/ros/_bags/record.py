@@ -13,6 +13,7 @@ from typing import Any
 
 import hprm.ros
 from hprm.ros._bags.errors import BagError
+from hprm.ros._bags.qualities import recorded
 from hprm.ros._bags.recording import BagWriter, Mode, Recorded
 from hprm.ros._messages import DefinitionError, class_of
 from hprm.ros.executors import ExternalShutdownException
@@ -39,6 +40,8 @@ class Recorder:
         self._bag = bag
         self._wanted: set[str] = set()
         self._known: set[str] = set()
+        #: Topics that the bag does not know yet: its file has the policies that are known by then.
+        self._later: dict[str, Any] = {}
         for it in topics:
             name, _, kind = it.partition("=")
             topic = self.node.resolve_topic_name(name)
@@ -68,9 +71,21 @@ class Recorder:
         # It gets the messages of publishers of any quality.
         quality = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         self.node.create_subscription(kind, topic, partial(self._put, topic, kind), quality)
-        self._bag.add(topic, kind)
+        self._later[topic] = kind
+
+    def _add(self, topic: str) -> None:
+        kind = self._later.pop(topic)
+        there = self.node.get_publishers_info_by_topic(topic)
+        self._bag.add(topic, kind, [recorded(it.qos_profile) for it in there])
+
+    def finish(self) -> None:
+        """Have topics in the bag, too, of which no message has come."""
+        for topic in list(self._later):
+            self._add(topic)
 
     def _put(self, topic: str, kind: Any, message: Any) -> None:
+        if topic in self._later:
+            self._add(topic)
         self._bag.put(topic, kind, self.node.get_clock().now().nanoseconds, message)
 
     def _warn(self, text: str) -> None:
@@ -119,6 +134,7 @@ def main() -> int:
         except BaseException:
             bag.abort()
             raise
+        recorder.finish()
         _tell(path, bag.close(), recorder.missing)
     except BagError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -6,14 +6,14 @@ import array
 import sys
 import threading
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal
 
 import numpy
-from rosbags.interfaces import Connection
+from rosbags.interfaces import Connection, Qos
 
 from hprm.ros._bags.definitions import definition_of
 from hprm.ros._bags.errors import BagError
@@ -70,7 +70,7 @@ class BagWriter:
         self._storage, self._mode, self._warn = storage, mode, warn
         self._capacity, self._capacity_bytes = capacity, capacity_bytes
         self._changed = threading.Condition()
-        self._queue: deque[tuple[str, type, int, Any, int]] = deque()
+        self._queue: deque[tuple[str, type, int, Any, int, Sequence[Qos]]] = deque()
         self._held = 0
         self._is_ending = False
         self._is_aborted = False
@@ -96,11 +96,16 @@ class BagWriter:
             raise TypeError(f"the messages of {topic} are {kind.__name__}, not {type(message)}")
         return self._put(topic, kind, time, message)
 
-    def add(self, topic: str, kind: type) -> None:
-        """Have a topic in the bag, even if none of its messages comes."""
-        self._put(topic, kind, 0, None)
+    def add(self, topic: str, kind: type, offers: Sequence[Qos] = ()) -> None:
+        """Have a topic in the bag, even if none of its messages comes.
 
-    def _put(self, topic: str, kind: type, time: int, message: Any) -> bool:
+        If none has come before, the bag says which quality of service its publishers offer.
+        """
+        self._put(topic, kind, 0, None, offers)
+
+    def _put(
+        self, topic: str, kind: type, time: int, message: Any, offers: Sequence[Qos] = ()
+    ) -> bool:
         size = _size(message)
         with self._changed:
             if self._mode == "wait":
@@ -109,7 +114,7 @@ class BagWriter:
             if self._is_ending:
                 raise BagError(f"{self.path} is closed")
             if self._has_room(size):
-                self._queue.append((topic, kind, time, message, size))
+                self._queue.append((topic, kind, time, message, size, offers))
                 self._held += size
                 self._changed.notify_all()
                 return True
@@ -199,11 +204,11 @@ class BagWriter:
                 self._changed.wait_for(lambda: self._queue or self._is_ending)
                 if self._is_aborted or not self._queue:
                     return
-                topic, kind, time, message, size = self._queue[0]
+                topic, kind, time, message, size, offers = self._queue[0]
             key = topic, kind
             if key not in connections:
                 definition = definition_of(kind)
-                connections[key] = draft.add(topic, type_name(kind), definition, [])
+                connections[key] = draft.add(topic, type_name(kind), definition, list(offers))
             if message is not None:
                 is_data = isinstance(message, bytes)
                 data = message if is_data else SERIALIZER.serialize(message)
