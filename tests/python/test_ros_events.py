@@ -539,3 +539,55 @@ rclpy.spin(node)
 def test_the_best_that_is_available_is_the_best_of_a_publisher(run) -> None:
     told = run(BEST, "--fast", "true")
     assert sorted(told) == ["best 2", "best 3", "durable 1", "durable 2", "durable 3"]
+
+
+STAYS = """
+node = Node("stays")
+
+
+def told(it):
+    print("told", it.total_count, it.last_policy_kind.name, flush=True)
+    if it.total_count == 2:
+        raise SystemExit
+
+
+callbacks = PublisherEventCallbacks(incompatible_qos=told)
+node.create_publisher(String, "news", 10, event_callbacks=callbacks)
+rclpy.spin(node)
+"""
+
+COMES = """
+node = Node("comes")
+durable = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+count = 0
+
+
+def tick():
+    global count
+    count += 1
+    if count < 3:
+        one = node.create_subscription(String, "news", print, durable, event_callbacks=quiet)
+        print("has", one.get_publisher_count(), flush=True)
+    elif count == 20:
+        # What was told at times of the clock has left by then.
+        raise SystemExit
+
+
+quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
+node.create_timer(0.05, tick)
+rclpy.spin(node)
+"""
+
+
+def test_so_it_is_of_endpoints_that_another_script_makes_later(
+    bench: Bench, tmp_path: Path
+) -> None:
+    (tmp_path / "stays.py").write_text(HEAD + STAYS)
+    (tmp_path / "comes.py").write_text(HEAD + COMES)
+    outcome = finish(bench.call("ros", "run", "stays.py", "+", "comes.py"))
+    assert (outcome.code, outcome.err) == (0, "")
+    lines = outcome.out.splitlines()
+    told = [it for it in lines if "stays" in it]
+    # They come over the hub, both at once if that is late.
+    assert told[-1] == "[stays-1] told 2 DURABILITY" and len(told) <= 2
+    assert [it for it in lines if "comes" in it] == ["[comes-2] has 0"] * 2
