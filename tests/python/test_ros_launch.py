@@ -611,6 +611,32 @@ def test_handlers_count_if_they_are_known_before(workspace: Path) -> None:
     assert plan.messages == []
 
 
+def test_actions_of_a_handler_are_evaluated_where_it_is_registered(workspace: Path) -> None:
+    plan = plan_of(
+        workspace,
+        """
+        talker = Node(package="demo", executable="talker")
+        listener = Node(package="demo", executable="listener", name=LaunchConfiguration("as"))
+        handler = OnProcessExit(target_action=talker, on_exit=[
+            TimerAction(period=2.0, actions=[listener, SetLaunchConfiguration("as", "none")]),
+        ])
+        return [
+            talker,
+            GroupAction([
+                PushRosNamespace("robot"), SetLaunchConfiguration("as", "ear"),
+                RegisterEventHandler(handler), LogInfo(msg=LaunchConfiguration("as")),
+            ]),
+            SetLaunchConfiguration("as", "other"),
+        ]
+        """,
+    )
+    assert [node.executable for node in plan.nodes] == ["talker"]
+    (reaction,) = plan.reactions
+    (listener,) = reaction.plan.nodes
+    assert (listener.name, listener.namespace, listener.delay) == ("ear", "/robot", 2.0)
+    assert plan.messages == ["ear"]
+
+
 @pytest.mark.parametrize(
     ("entity", "what"),
     [
