@@ -55,7 +55,7 @@ def measure(
     experiment: str, workload: str, group: str, effort: Effort, quick: Sequence[str]
 ) -> Record:
     """Measures a workload with the contenders of a group in turn."""
-    able = [it for it in who.chosen(group, None) if workload not in it.without]
+    able = [it for it in who.chosen(group, None) if it.does(workload)]
     chosen = taking_part(experiment, able, effort, quick)
     wanted = _QUICK if effort.quick else _FULL
     if effort.repetitions:

@@ -43,6 +43,12 @@ class Contender:
     """For `hprm run`."""
     without: tuple[str, ...] = ()
     """Workloads of its groups that it cannot do."""
+    by_size: bool = False
+    """Whether it takes part in W6, which has room for few: each is a line in one picture."""
+
+    def does(self, workload: str) -> bool:
+        """Whether it takes part in a workload of its groups."""
+        return workload not in self.without and (self.by_size or workload != "W6")
 
     @property
     def ours(self) -> bool:
@@ -52,7 +58,7 @@ class Contender:
 
 def _hprm(name: str, coordination: str, *arguments: str, groups: tuple[str, ...]) -> Contender:
     options = {"coordination": coordination}
-    return Contender(name, "hprm", groups, options=options, arguments=arguments)
+    return Contender(name, "hprm", groups, options=options, arguments=arguments, by_size=True)
 
 
 def _method(name: str, group: str, method: str, environment: str | None = None) -> Contender:
@@ -79,11 +85,24 @@ CONTENDERS = (
     ),
     _hprm("hprm decentralized", "decentralized", groups=_ALL),
     _hprm("hprm spinning", "decentralized", "--spin=200us", groups=_POLL_GROUPS),
-    Contender("limit", "processes", _ALL, "limit"),
-    Contender("limit spinning", "processes", _POLL_GROUPS, "limit", options={"spin_s": 2e-4}),
-    Contender("iceoryx2", "processes", _ALL, "iceoryx2", "iceoryx2"),
+    Contender("limit", "processes", _ALL, "limit", by_size=True),
     Contender(
-        "iceoryx2 polling", "processes", _POLL_GROUPS, "iceoryx2", "iceoryx2", {"polls": True}
+        "limit spinning",
+        "processes",
+        _POLL_GROUPS,
+        "limit",
+        options={"spin_s": 2e-4},
+        by_size=True,
+    ),
+    Contender("iceoryx2", "processes", _ALL, "iceoryx2", "iceoryx2", by_size=True),
+    Contender(
+        "iceoryx2 polling",
+        "processes",
+        _POLL_GROUPS,
+        "iceoryx2",
+        "iceoryx2",
+        options={"polls": True},
+        by_size=True,
     ),
     Contender("zenoh tcp", "processes", _ALL, "zenoh", "zenoh"),
     Contender("zenoh shm", "processes", _ALL, "zenoh", "zenoh", {"shm": True}),

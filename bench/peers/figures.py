@@ -13,7 +13,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-UNITS = {"W1": "ms", "W1b": "ms", "W2": "µs", "W3": "ms", "W4": "µs", "W5": "thousand/s"}
+UNITS = {
+    "W1": "ms",
+    "W1b": "ms",
+    "W2": "µs",
+    "W3": "ms",
+    "W4": "µs",
+    "W5": "thousand/s",
+    "W6": "µs",
+}
 _NS_PER = {"ms": 1e6, "µs": 1e3}
 
 
@@ -52,7 +60,7 @@ def value_of(result: Mapping[str, Any]) -> Value:
         rate = slowest / result["seconds"] / 1e3
         return Value(rate, rate, result["sent"], result["sent"] - slowest)
     times = sorted(result["times_ns"])
-    # A round trip is two messages.
+    # A round trip of W2 is two messages of one size; W6 counts whole rounds.
     scale = _NS_PER[UNITS[workload]] * (2 if workload == "W2" else 1)
     rank = math.ceil(0.99 * len(times)) - 1
     return Value(statistics.median(times) / scale, times[rank] / scale, len(times))

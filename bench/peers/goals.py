@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import contenders as who
 from figures import Figure, Measurements, Spread
+from plan import POWERS
 
 MB = 1_000_000
 OURS = tuple(
@@ -23,6 +24,10 @@ NOT_PEERS = {"limit", "limit spinning"} | {
     contender.name for contender in who.CONTENDERS if contender.ours
 }
 """HPRM itself, and what is nothing that a user could pick instead."""
+
+
+EVERY_SIZE = "every size"
+"""The case of a goal that has to be met at all sizes of W6."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,8 @@ class Verdict:
 
     goal: Goal
     measured: Spread | None
+    at: int | None = None
+    """The size that `measured` is from: the worst one, if the goal is about every size."""
 
     @property
     def word(self) -> str:
@@ -88,17 +95,36 @@ def _of_a_way(ours: str) -> Iterator[Goal]:
     yield Goal("W1", who.GATHER, 50 * MB, ours, "unix + pickle", 0.125)
     yield Goal("W2", who.SAME, 64, ours, "iceoryx2", 0.8)
     yield Goal("W2", who.APART, 64, ours, "iceoryx2", 1.0)
+    for group in (who.SAME, who.APART):
+        yield Goal("W6", group, EVERY_SIZE, ours, "iceoryx2", 1.0)
     for group in (who.APART, who.FAN):
         yield Goal("W5", group, 1024, ours, BEST_PEER, 1.0, at_least=True)
 
 
 def judge(measurements: Measurements, workloads: Sequence[str]) -> list[Verdict]:
     """What became of the goals of these workloads."""
-    return [
-        Verdict(goal, _measured(measurements, goal))
-        for goal in goals()
-        if goal.workload in workloads
-    ]
+    return [_verdict(measurements, goal) for goal in goals() if goal.workload in workloads]
+
+
+def _verdict(measurements: Measurements, goal: Goal) -> Verdict:
+    if goal.case == EVERY_SIZE:
+        return _at_the_worst(measurements, goal)
+    return Verdict(goal, _measured(measurements, goal))
+
+
+def _at_the_worst(measurements: Measurements, goal: Goal) -> Verdict:
+    """One size can miss the goal; only all of them can meet it."""
+    ratios = {}
+    for size in POWERS:
+        figure = Figure(goal.workload, goal.group, size)
+        if (ratio := measurements.ratio(figure, goal.contender, goal.rival)) is not None:
+            ratios[size] = ratio
+    if not ratios:
+        return Verdict(goal, None)
+    at = max(ratios, key=lambda size: ratios[size].median)
+    verdict = Verdict(goal, ratios[at], at)
+    incomplete = len(ratios) < len(POWERS)
+    return Verdict(goal, None) if incomplete and verdict.word == "met" else verdict
 
 
 def _measured(measurements: Measurements, goal: Goal) -> Spread | None:

@@ -34,6 +34,7 @@ _GRACE_S = 3.0
 _LOOK_EVERY_S = 0.01
 _PLASMA_BYTES = 4_000_000_000
 
+Cell = dict[str, Any]
 Result = dict[str, Any]
 
 
@@ -55,6 +56,21 @@ class Command:
     """Whether the session lasts until it has ended."""
 
 
+def sessions_of(contender: Contender, cells: list[Cell]) -> list[list[Cell]]:
+    """Which cells are measured in one session.
+
+    W6 has one of its own: the longest message of a session decides how much memory contenders
+    reserve, and how long their queues are, so that it would change what W2 measures. W5 has its own
+    programs in HPRM.
+    """
+    alone = ("W5", "W6") if contender.ours else ("W6",)
+    parts: dict[str, list[Cell]] = {}
+    for cell in cells:
+        workload = cell["workload"]
+        parts.setdefault(workload if workload in alone else "", []).append(cell)
+    return list(parts.values())
+
+
 class Launcher:
     """Runs sessions, one at a time."""
 
@@ -65,29 +81,22 @@ class Launcher:
         self._count = 0
         descendants.adopt_orphans()
 
-    def run(self, contender: Contender, group: str, cells: list[dict[str, Any]]) -> list[Result]:
-        """One session of a contender; the results of its cells.
+    def run(self, contender: Contender, group: str, cells: list[Cell]) -> list[Result]:
+        """The sessions of a contender in a group; the results of its cells.
 
         Raises:
             Failed: a process ended with an error, or the session took too long.
 
         """
-        if not contender.ours:
-            return self._session(contender, group, cells)
-        # Programs differ by workload: there is none that can do everything.
         results: list[Result] = []
-        for rate in (False, True):
-            part = [cell for cell in cells if (cell["workload"] == "W5") == rate]
-            if part:
-                try:
-                    results += self._session(contender, group, part)
-                except Failed as failure:
-                    raise Failed(str(failure), results + failure.results) from None
+        for part in sessions_of(contender, cells):
+            try:
+                results += self._session(contender, group, part)
+            except Failed as failure:
+                raise Failed(str(failure), results + failure.results) from None
         return results
 
-    def _session(
-        self, contender: Contender, group: str, cells: list[dict[str, Any]]
-    ) -> list[Result]:
+    def _session(self, contender: Contender, group: str, cells: list[Cell]) -> list[Result]:
         self._count += 1
         name = f"hprmbench-{os.getpid()}-{self._count}"
         directory = Path(tempfile.mkdtemp(prefix="hb-"))
@@ -126,7 +135,7 @@ class Launcher:
         directory: Path,
         contender: Contender,
         group: str,
-        cells: list[dict[str, Any]],
+        cells: list[Cell],
     ) -> dict[str, Any]:
         usable = sorted(os.sched_getaffinity(0))
         cpus = [usable[place] for place in planning.CPUS.get(group, ())]
@@ -275,7 +284,7 @@ def _results(session: dict[str, Any]) -> list[Result]:
     return [json.loads(line) for line in lines[:-1]]
 
 
-def _rates(directory: Path, cells: list[dict[str, Any]]) -> list[Result]:
+def _rates(directory: Path, cells: list[Cell]) -> list[Result]:
     """What the source and the sinks of HPRM's programs wrote down, as a hub would have said it."""
     if not (directory / "source").exists():
         return []

@@ -7,10 +7,11 @@ from html import escape
 from typing import Any
 
 import picture
-from figures import UNITS, Measurements
+import picture_by_size
+from figures import UNITS, Figure, Measurements
 from goals import OURS
 from plan import WORKLOADS
-from tables import Table, heading, label, order
+from tables import BASES, PLACES, TITLES, Table, heading, label, order
 
 _STYLE = """
 body { font-family: Helvetica, Arial, sans-serif; margin: 2em auto; max-width: 72em; color: #222 }
@@ -47,9 +48,12 @@ def html(
 
 
 def pictures(measurements: Measurements, workloads: Sequence[str]) -> list[str]:
-    """A picture for each workload and group that has been measured."""
+    """A picture for each workload and group that has been measured; one for all groups of W6."""
     drawn = []
     for workload in workloads:
+        if workload == "W6":
+            drawn += _by_size(measurements)
+            continue
         for group in WORKLOADS[workload]:
             figures = measurements.figures(workload, group)
             if not figures:
@@ -66,6 +70,32 @@ def pictures(measurements: Measurements, workloads: Sequence[str]) -> list[str]:
             title = heading(workload, group)
             drawn.append(picture.svg(title, UNITS[workload], columns, rows))
     return drawn
+
+
+def _by_size(measurements: Measurements) -> list[str]:
+    """One picture of W6, with a panel for each group that has been measured."""
+    panels = [
+        picture_by_size.Panel(
+            PLACES[group].removeprefix(", "),
+            [_line(measurements, figures, name) for name in order(measurements, figures)],
+        )
+        for group in WORKLOADS["W6"]
+        if (figures := measurements.figures("W6", group))
+    ]
+    title = f"W6 {TITLES['W6']}, by size"
+    return [picture_by_size.svg(title, UNITS["W6"], BASES["W6"], panels)] if panels else []
+
+
+def _line(measurements: Measurements, figures: Sequence[Figure], name: str) -> picture_by_size.Line:
+    rival = BASES["W6"]
+    times, ratios = {}, {}
+    for figure in figures:
+        size = int(figure.case)
+        if (time := measurements.spread(figure, name)) is not None:
+            times[size] = time
+        if name != rival and (ratio := measurements.ratio(figure, name, rival)) is not None:
+            ratios[size] = ratio
+    return picture_by_size.Line(name, _ours(name), times, ratios)
 
 
 def _ours(name: str) -> bool:

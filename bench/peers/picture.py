@@ -30,7 +30,7 @@ STYLE: dict[Any, Any] = {
     "axes.axisbelow": True,
 }
 _COLOURS = ("#56b4e9", "#0072b2", "#009e73", "#e69f00", "#d55e00")
-_FAINT, _GRID, _OURS = "#666666", "#e2e2e2", "#f3f7ea"
+FAINT, GRID, _OURS = "#666666", "#e2e2e2", "#f3f7ea"
 _WIDTH, _ROW, _AROUND = 8.6, 0.24, 1.1
 
 
@@ -82,9 +82,9 @@ def _axis(axes: Axes, label: str) -> None:
     axes.xaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}"))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.xaxis.grid(color=_GRID)
+    axes.xaxis.grid(color=GRID)
     axes.tick_params(length=0)
-    axes.tick_params(axis="x", labelcolor=_FAINT)
+    axes.tick_params(axis="x", labelcolor=FAINT)
     axes.set_xlabel(label)
 
 

@@ -11,6 +11,10 @@ import contenders as who
 SIZES_MB = (1, 5, 10, 25, 50)
 SMALL = (64, 1024, 65_536)
 RATE_SIZE = 1024
+POWERS = tuple(2**power for power in range(6, 27))
+"""The sizes of W6: 64 B to 64 MB."""
+_LARGE = 2**20
+"""From that size on, W6 has a tenth of the rounds."""
 WORKLOADS = {
     "W1": (who.GATHER,),
     "W1b": (who.GATHER,),
@@ -18,6 +22,7 @@ WORKLOADS = {
     "W3": (who.PLACE,),
     "W4": (who.ENCODE,),
     "W5": (who.APART, who.FAN),
+    "W6": (who.SAME, who.APART),
 }
 """The groups in which each workload is run."""
 
@@ -76,6 +81,10 @@ def cells(group: str, workloads: Collection[str], effort: Effort) -> list[dict[s
             add("W2", size, effort.rounds * 50, effort.rounds * 5)
     if group in (who.APART, who.FAN):
         add("W5", RATE_SIZE, 0, 0)
+    if group in (who.SAME, who.APART):
+        for size in POWERS:
+            often, warm_up = (10, effort.rounds) if size < _LARGE else (1, 3)
+            add("W6", size, effort.rounds * often, warm_up)
     if group == who.PLACE:
         for megabytes in effort.sizes_mb:
             add("W3", megabytes * 1_000_000, effort.rounds, 3)

@@ -102,8 +102,16 @@ Sessions = list[tuple[str, list[who.Contender]]]
 
 def selected(options: argparse.Namespace) -> Sessions:
     """What the command line asks for."""
-    groups = plan.groups_of(options.only)
-    return [(group, who.chosen(group, options.contenders)) for group in groups]
+    return [(group, _taking_part(group, options)) for group in plan.groups_of(options.only)]
+
+
+def _taking_part(group: str, options: argparse.Namespace) -> list[who.Contender]:
+    workloads = [workload for workload in options.only if group in plan.WORKLOADS[workload]]
+    return [
+        contender
+        for contender in who.chosen(group, options.contenders)
+        if any(contender.does(workload) for workload in workloads)
+    ]
 
 
 def prepare(sessions: Sessions) -> dict[str, str]:
@@ -172,7 +180,7 @@ class Run:
         ]
 
     def _workloads(self, contender: who.Contender) -> list[str]:
-        return [workload for workload in self.workloads if workload not in contender.without]
+        return [workload for workload in self.workloads if contender.does(workload)]
 
     def all(self) -> None:
         """Runs repetition after repetition, until they are done or the time is over."""
@@ -233,7 +241,8 @@ def report(run: Run, about: dict[str, Any], out: Path) -> list[RenderableType]:
         "versions": environments.REQUIREMENTS,
         "figures": run.measurements.as_json(),
         "goals": [
-            dataclasses.asdict(verdict.goal) | {"measured": verdict.measured, "is": verdict.word}
+            dataclasses.asdict(verdict.goal)
+            | {"measured": verdict.measured, "at": verdict.at, "is": verdict.word}
             for verdict in verdicts
         ],
     }

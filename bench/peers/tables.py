@@ -19,7 +19,10 @@ TITLES = {
     "W3": "placing an array in shared memory",
     "W4": "serialization of 5 MB, without and with a dict of ten arrays around",
     "W5": "messages a second of 1 KB at the slowest receiver",
+    "W6": "an array there, 16 bytes back: a whole round",
 }
+BASES = {"W3": "memcpy, recycled", "W6": "iceoryx2"}
+"""What ratios are to; the limit elsewhere."""
 PLACES = {
     who.GATHER: "",
     who.SAME: ", both processes on one core",
@@ -40,16 +43,21 @@ class Table:
 
 
 def all_tables(measurements: Measurements, workloads: Sequence[str]) -> list[Table]:
-    """A table for each workload and group, and its ratios to the limit where there is one."""
-    tables = []
+    """A table for each workload and group, and its ratios to the limit where there is one.
+
+    Those of W6 have sizes as rows and ratios to iceoryx2.
+    """
+    tables: list[Table] = []
     for workload in workloads:
         for group in WORKLOADS[workload]:
             figures = measurements.figures(workload, group)
-            if figures:
-                tables.append(_values(measurements, workload, group, figures))
-                base = "limit" if workload != "W3" else "memcpy, recycled"
-                if any(base in measurements.contenders(figure) for figure in figures):
-                    tables.append(_ratios(measurements, workload, group, figures, base))
+            if not figures:
+                continue
+            found = [_values(measurements, workload, group, figures)]
+            base = BASES.get(workload, "limit")
+            if any(base in measurements.contenders(figure) for figure in figures):
+                found.append(_ratios(measurements, workload, group, figures, base))
+            tables += map(_turned, found) if workload == "W6" else found
     return tables
 
 
@@ -63,6 +71,8 @@ def label(case: int | str) -> str:
     """A size for people; other cases as they are."""
     if isinstance(case, str):
         return case
+    if case % 2**20 == 0:  # W6 has powers of two
+        return f"{case >> 20} MB"
     for unit, size in (("MB", 1_000_000), ("KB", 1024)):
         if case >= size:
             return f"{case / size:g} {unit}"
@@ -75,8 +85,11 @@ def number(value: float) -> str:
 
 
 def order(measurements: Measurements, figures: Sequence[Figure]) -> list[str]:
-    """Who is in a table, the best first: by the first figure that everybody has."""
+    """The contenders of a table, the best first, by the last figure; in W6 as they are listed."""
     names = {name: None for figure in figures for name in measurements.contenders(figure)}
+    if figures[0].workload == "W6":
+        listed = [contender.name for contender in who.CONTENDERS if contender.by_size]
+        return sorted(names, key=lambda name: listed.index(name) if name in listed else len(listed))
     most = figures[0].workload == "W5"
 
     def key(name: str) -> tuple[bool, float]:
@@ -126,15 +139,26 @@ def _spread(spread: Spread | None) -> str:
     return f"{number(spread.median)} ({number(spread.least)}–{number(spread.greatest)})"
 
 
+def _turned(table: Table) -> Table:
+    """The same with its rows as columns."""
+    rows = [
+        [case, *(row[place] for row in table.rows)]
+        for place, case in enumerate(table.columns)
+        if place > 0
+    ]
+    return Table(table.title, ["", *(row[0] for row in table.rows)], rows)
+
+
 def of_verdicts(verdicts: Sequence[Verdict]) -> Table:
     """The goals, what was measured, and whether it is enough."""
     rows = []
     for verdict in verdicts:
         goal = verdict.goal
         what = f"{goal.workload}{PLACES[goal.group]}, {label(goal.case)}"
-        rows.append(
-            [what, goal.contender, _relation(goal), _spread(verdict.measured), verdict.word]
-        )
+        measured = _spread(verdict.measured)
+        if verdict.at is not None:
+            measured += f" at {label(verdict.at)}"
+        rows.append([what, goal.contender, _relation(goal), measured, verdict.word])
     return Table("Goals", ["figure", "contender", "goal", "measured", ""], rows)
 
 

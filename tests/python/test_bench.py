@@ -27,7 +27,9 @@ import environments
 import goals
 import launch
 import page
+import picture_by_size
 import plan
+import run
 import script
 import tables
 from figures import Figure, Measurements, Spread, spread, value_of
@@ -149,7 +151,10 @@ def test_goals_are_about_contenders_and_figures_that_exist() -> None:
         assert {goal.contender, goal.rival} <= names, goal
         cells = plan.cells(goal.group, plan.WORKLOADS, effort)
         sizes = [cell["size"] for cell in cells if cell["workload"] == goal.workload]
-        assert goal.workload == "W4" or goal.case in sizes, goal
+        if goal.case == goals.EVERY_SIZE:
+            assert tuple(sizes) == plan.POWERS, goal
+        else:
+            assert goal.workload == "W4" or goal.case in sizes, goal
 
 
 def test_tables_show_every_contender_the_best_first() -> None:
@@ -175,6 +180,198 @@ def test_the_page_is_well_formed_and_has_a_picture_for_each_table_of_values() ->
     assert root.tag.endswith("svg")
     shown_names = {element.text for element in root.iter() if element.tag.endswith("text")}
     assert {"hprm centralized", "limit"} <= shown_names
+
+
+# One picture of all sizes: W6.
+
+
+def by_size(values: dict[str, dict[int, Sequence[float]]], group: str = who.SAME) -> Measurements:
+    """Rounds in microseconds by contender and size, one for each repetition."""
+    measurements = Measurements()
+    for name, sizes in values.items():
+        for size, repetitions in sizes.items():
+            for at, microseconds in enumerate(repetitions):
+                result = {"workload": "W6", "size": size, "times_ns": [round(1000 * microseconds)]}
+                measurements.add(group, name, at, result)
+    return measurements
+
+
+def everywhere(microseconds: float, **others: float) -> dict[int, Sequence[float]]:
+    """The same at every size, but for some: `at_64=3.0`."""
+    times: dict[int, Sequence[float]] = dict.fromkeys(plan.POWERS, [microseconds])
+    return times | {int(name.removeprefix("at_")): [value] for name, value in others.items()}
+
+
+def verdict_by_size(measurements: Measurements, contender: str) -> goals.Verdict:
+    return next(
+        verdict
+        for verdict in goals.judge(measurements, ["W6"])
+        if (verdict.goal.contender, verdict.goal.group) == (contender, who.SAME)
+    )
+
+
+def test_an_array_there_and_16_bytes_back_count_as_a_whole_round() -> None:
+    value = value_of({"workload": "W6", "size": 64, "times_ns": [30_000, 10_000, 20_000]})
+    assert (value.value, value.rounds) == (20.0, 3)
+
+
+def test_every_power_of_two_is_measured_the_small_ones_first_and_more_often() -> None:
+    for group in (who.SAME, who.APART):
+        cells = plan.cells(group, ["W6"], plan.FULL)
+        assert [cell["size"] for cell in cells] == [2**power for power in range(6, 27)]
+        for cell in cells:
+            tenfold = 10 if cell["size"] < 2**20 else 1
+            assert cell["rounds"] == plan.FULL.rounds * tenfold
+            assert cell["warm_up"] < cell["rounds"]
+    assert plan.groups_of(["W6"]) == [who.SAME, who.APART]
+
+
+def test_a_picture_of_all_sizes_has_few_contenders_and_each_looks_different() -> None:
+    options = run.parse(["--only", "W6"])
+    taking_part = {
+        group: [contender.name for contender in contenders]
+        for group, contenders in run.selected(options)
+    }
+    on_one_core = ["hprm centralized", "hprm decentralized", "limit", "iceoryx2"]
+    busy = ["hprm spinning", "limit spinning", "iceoryx2 polling"]
+    assert taking_part[who.SAME] == on_one_core
+    assert sorted(taking_part[who.APART]) == sorted(on_one_core + busy)
+    assert set(picture_by_size.LOOKS) == set(on_one_core + busy)
+    assert len(set(picture_by_size.LOOKS.values())) == len(on_one_core + busy)
+    # Other workloads of these groups have all contenders, as before.
+    assert not any(contender.does("W6") for contender in who.CONTENDERS if "dora" in contender.name)
+    assert all(contender.does("W2") for contender in who.CONTENDERS)
+
+
+def test_long_messages_have_a_session_of_their_own() -> None:
+    cells = plan.cells(who.APART, plan.WORKLOADS, plan.QUICK)
+    for contender in who.chosen(who.APART, None):
+        parts = launch.sessions_of(contender, cells)
+        workloads = [sorted({cell["workload"] for cell in part}) for part in parts]
+        small = [["W2"], ["W5"]] if contender.ours else [["W2", "W5"]]
+        assert workloads == [*small, ["W6"]], contender
+        assert max(cell["size"] for cell in parts[0]) == max(plan.SMALL)
+
+
+def test_sizes_that_are_powers_of_two_are_named_by_them() -> None:
+    sizes = (64, 1024, 2**19, 2**20, 2**26, 1_000_000, 25_000_000)
+    names = ["64 B", "1 KB", "512 KB", "1 MB", "64 MB", "1 MB", "25 MB"]
+    assert [tables.label(size) for size in sizes] == names
+
+
+def test_sizes_are_rows_and_contenders_columns_in_their_order() -> None:
+    measurements = by_size(
+        {
+            "iceoryx2": {64: [10, 20], 2**20: [100, 100]},
+            "hprm centralized": {64: [8, 12], 2**20: [120, 150]},
+            "limit": {64: [5, 5]},
+        }
+    )
+    values, ratios = tables.all_tables(measurements, ["W6"])
+    assert "a whole round, both processes on one core, µs" in values.title
+    assert values.columns == ["", "hprm centralized", "limit", "iceoryx2"]
+    assert values.rows == [
+        ["64 B", "10 (8–12)", "5 (5–5)", "15 (10–20)"],
+        ["1 MB", "135 (120–150)", "-", "100 (100–100)"],
+    ]
+    assert "multiple of “iceoryx2”" in ratios.title
+    assert ratios.columns == ["", "hprm centralized", "limit"]
+    assert [row[:2] for row in ratios.rows] == [
+        ["64 B", "0.7 (0.6–0.8)"],
+        ["1 MB", "1.35 (1.2–1.5)"],
+    ]
+    alone = tables.all_tables(by_size({"limit": {64: [5]}}), ["W6"])
+    assert [table.rows for table in alone] == [[["64 B", "5 (5–5)"]]]
+    nothing = tables.all_tables(by_size({"iceoryx2": {64: [5]}}), ["W6"])
+    assert [table.rows for table in nothing] == [[["64 B", "5 (5–5)"]], [["64 B"]]]
+
+
+def test_a_goal_for_every_size_is_judged_at_the_worst_one_and_names_it() -> None:
+    measurements = by_size(
+        {
+            "iceoryx2": everywhere(10),
+            "hprm centralized": everywhere(8, at_16384=12, at_1048576=11),
+            "hprm decentralized": everywhere(8, at_67108864=9.5),
+        }
+    )
+    missed = verdict_by_size(measurements, "hprm centralized")
+    assert (missed.word, missed.at, missed.measured) == ("missed", 16_384, Spread(1.2, 1.2, 1.2))
+    met = verdict_by_size(measurements, "hprm decentralized")
+    assert (met.word, met.at, met.measured) == ("met", 2**26, Spread(0.95, 0.95, 0.95))
+    where = "W6, both processes on one core, every size"
+    relation = "at most 1 of iceoryx2"
+    rows = tables.of_verdicts([missed, met]).rows
+    assert rows == [
+        [where, "hprm centralized", relation, "1.2 (1.2–1.2) at 16 KB", "missed"],
+        [where, "hprm decentralized", relation, "0.95 (0.95–0.95) at 64 MB", "met"],
+    ]
+
+
+def test_a_goal_for_every_size_is_not_met_where_one_is_missing() -> None:
+    def some(microseconds: float) -> dict[int, Sequence[float]]:
+        return {64: [microseconds], 1024: [8]}
+
+    values = {"iceoryx2": everywhere(10), "hprm centralized": some(8)}
+    verdict = verdict_by_size(by_size(values), "hprm centralized")
+    assert (verdict.word, verdict.at) == ("not measured", None)
+    values["hprm centralized"] = some(11)
+    verdict = verdict_by_size(by_size(values), "hprm centralized")
+    assert (verdict.word, verdict.at) == ("missed", 64)
+    assert verdict_by_size(by_size({}), "hprm centralized").word == "not measured"
+
+
+def test_a_file_has_the_size_at_which_a_goal_was_judged(tmp_path: Path) -> None:
+    launcher: Any = None  # nothing is started
+    done = run.Run(["W6"], [], plan.QUICK, launcher, {})
+    values = {"iceoryx2": everywhere(10), "hprm centralized": everywhere(8, at_256=20)}
+    done.measurements = by_size(values)
+    run.report(done, {"cpu": "one"}, tmp_path)
+    judged = json.loads((tmp_path / "bench.json").read_text())["goals"]
+    found = {
+        (goal["group"], goal["contender"]): (goal["at"], goal["measured"], goal["is"])
+        for goal in judged
+    }
+    assert found == {
+        (who.SAME, "hprm centralized"): (256, [2.0, 2.0, 2.0], "missed"),
+        (who.SAME, "hprm decentralized"): (None, None, "not measured"),
+        (who.APART, "hprm centralized"): (None, None, "not measured"),
+        (who.APART, "hprm decentralized"): (None, None, "not measured"),
+    }
+    assert "<svg" in (tmp_path / "bench.html").read_text()
+
+
+def texts_of(svg: str) -> list[str]:
+    root = ElementTree.fromstring(svg)
+    assert root.tag.endswith("svg")
+    return ["".join(it.itertext()) for it in root.iter() if it.tag.endswith("text")]
+
+
+def test_one_picture_shows_all_sizes_in_both_groups() -> None:
+    values = {"iceoryx2": everywhere(10), "hprm centralized": everywhere(8)}
+    measurements = by_size(values)
+    by_itself = page.pictures(measurements, ["W6"])
+    for name, size_times in {**values, "hprm spinning": everywhere(2)}.items():
+        for size, (microseconds,) in size_times.items():
+            result = {"workload": "W6", "size": size, "times_ns": [round(1000 * microseconds)]}
+            measurements.add(who.APART, name, 0, result)
+    both = page.pictures(measurements, ["W6"])
+    assert (len(by_itself), len(both)) == (1, 1)
+    texts = texts_of(both[0])
+    assert {"both processes on one core", "one core each", "multiple of iceoryx2"} <= set(texts)
+    assert {"64 B", "1 KB", "64 KB", "1 MB", "64 MB"} <= set(texts)
+    # Each is in the legend once, and not more often where there are two groups.
+    assert [texts.count(name) for name in ("iceoryx2", "hprm centralized", "hprm spinning")] == [
+        1
+    ] * 3
+    assert "one core each" not in texts_of(by_itself[0])
+
+
+def test_a_picture_needs_no_rival_and_not_every_size() -> None:
+    (svg,) = page.pictures(by_size({"limit": everywhere(5), "new": {64: [7], 256: [8]}}), ["W6"])
+    texts = texts_of(svg)
+    assert {"limit", "new"} <= set(texts)
+    assert "multiple of iceoryx2" not in texts
+    assert page.pictures(Measurements(), ["W6"]) == []
 
 
 def test_every_group_has_cells_and_every_contender_a_way_to_start() -> None:
@@ -237,6 +434,24 @@ def test_nodes_answer_what_the_hub_asks_for() -> None:
     assert all(node.stopped for node in nodes)
     numbers = [int.from_bytes(message[:8], "little") for message in sent[:-1]]
     assert numbers == list(range(1, len(sent)))
+
+
+@pytest.mark.parametrize("size", [64, 128, 2**20])
+def test_an_array_has_its_size_and_16_bytes_come_back(size: int) -> None:
+    answers = script.Answers()
+    replies: list[Any] = []
+
+    def node(message: Any) -> Any:
+        reply = answers.answer(message)
+        if reply is not None:
+            assert isinstance(message, np.ndarray)
+            replies.append(reply)
+        return reply
+
+    results, sent = talk([cell("W6", size)], [node])
+    assert [(result["workload"], result["size"]) for result in results] == [("W6", size)]
+    assert {len(message) for message in sent[:-1]} == {size}
+    assert {(type(reply), len(reply)) for reply in replies} == {(bytes, 16)}
 
 
 def test_a_copy_is_a_copy_and_an_echo_is_not() -> None:
@@ -388,6 +603,30 @@ def test_a_run_measures_every_contender_and_writes_a_page(tmp_path: Path) -> Non
     assert measured == {(name, *workload) for name in names for workload in workloads}
     assert {goal["workload"] for goal in document["goals"]} == {"W1b", "W5"}
     assert all(name in (tmp_path / "bench.html").read_text() for name in names)
+
+
+ON_ONE_PROCESSOR = """
+import os, sys
+
+os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
+"""
+
+
+def test_a_run_on_one_processor_measures_every_size_and_draws_them(tmp_path: Path) -> None:
+    names = ["hprm decentralized", "limit"]
+    command = [sys.executable, "-c", ON_ONE_PROCESSOR, str(BENCH / "run.py"), "--quick"]
+    command += ["--out", str(tmp_path), "--only", "W6", "--contenders", ",".join(names)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    document = json.loads((tmp_path / "bench.json").read_text())
+    assert not [note for note in document["notes"] if note.startswith("failed")]
+    assert "skipped: ping-pong and rate, one core each: too few processors" in document["notes"]
+    measured = [(one["contender"], one["group"], one["case"]) for one in document["figures"]]
+    assert sorted(measured) == [(name, who.SAME, size) for name in names for size in plan.POWERS]
+    # There is nothing to compare with.
+    assert {goal["is"] for goal in document["goals"]} == {"not measured"}
+    assert "<svg" in (tmp_path / "bench.html").read_text()
 
 
 # What the package offers for it.

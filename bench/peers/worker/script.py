@@ -21,7 +21,7 @@ import numpy as np
 COPY, ACK, ECHO, COUNT, REPORT, STOP = range(1, 7)
 """What a node does: send a copy back, only a header, the same again, count; say the count; end."""
 
-MODES = {"W1": COPY, "W1b": ACK, "W2": ECHO, "W5": COUNT}
+MODES = {"W1": COPY, "W1b": ACK, "W2": ECHO, "W5": COUNT, "W6": ACK}
 _HEADER = struct.Struct("<qq")
 _ENOUGH, _PATIENCE = 3, 3
 """A cell with fewer rounds than that may take so many times its budget to get them."""
