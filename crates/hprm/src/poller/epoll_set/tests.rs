@@ -112,20 +112,20 @@ fn without_epoll_the_descriptors_are_polled() {
 #[test]
 fn a_notifier_is_ready_once_for_each_notification_and_need_not_be_read() {
     let mut set = EpollSet::Empty;
-    let (bell, other) = (Opened::new(), Opened::new());
+    let (notifier, other) = (Opened::new(), Opened::new());
     let mut ready = |write| {
-        let sources = [Source::notifier(bell.1, bell.0.as_fd()), other.source(write)];
+        let sources = [Source::notifier(notifier.1, notifier.0.as_fd()), other.source(write)];
         set.wait(&sources, NOW)[0].can_be_read()
     };
     assert!(!ready(false));
     for _ in 0..3 {
-        bell.signal();
+        notifier.signal();
         assert!(ready(false) && !ready(false));
     }
     // What else is waited for makes no difference.
     assert!(!ready(true) && !ready(false));
-    bell.signal();
-    bell.signal();
+    notifier.signal();
+    notifier.signal();
     assert!(ready(true) && !ready(true));
     assert!(set.tells_once());
     assert!(!EpollSet::Unavailable.tells_once());
