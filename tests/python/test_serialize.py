@@ -195,6 +195,37 @@ def test_arrays(name: str, way: Any) -> None:
     np.testing.assert_array_equal(array, before)
 
 
+FORTRAN = ("Fortran", "transposed")
+
+
+def huge_arrays() -> dict[str, np.ndarray]:
+    """More than 8 MiB each: what lies in a row is copied past the caches of the processor."""
+    base = np.arange(1_200_000.0).reshape(1000, 1200)
+    return {
+        "C": base,
+        "Fortran": np.asfortranarray(base),
+        "transposed": base.T,
+        "three dimensions": base.reshape(100, 10, 1200).transpose(1, 0, 2),
+        "from an odd address": np.arange(2_400_001, dtype="i4").view("u1")[1:-3],
+        "every other row": np.concatenate([base, base])[::2],
+        "backwards": base[::-1],
+        "big-endian": base.astype(">f8"),
+        "dates": base.astype("i8").view("M8[ns]"),
+        "records": np.zeros(1_100_000, np.dtype([("a", "i1"), ("b", "f8")], align=True)),
+        "not writeable": np.broadcast_to(base, base.shape),
+    }
+
+
+@pytest.mark.parametrize("name", huge_arrays())
+def test_huge_arrays(name: str) -> None:
+    array = huge_arrays()[name]
+    assert array.nbytes > 8 << 20
+    back = through_a_store(array)
+    assert back.dtype == array.dtype
+    assert (back.flags.c_contiguous, back.flags.writeable) == (name not in FORTRAN, False)
+    np.testing.assert_array_equal(back, array)
+
+
 def test_order_is_kept() -> None:
     array = np.asfortranarray(np.random.default_rng(1).random((300, 200)))
     assert through_a_store(array).flags.f_contiguous

@@ -12,7 +12,7 @@ use std::ptr;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use hprm_store::{CowObject, Object, WritableLoan};
-use pyo3::buffer::PyBuffer;
+use pyo3::buffer::{PyBuffer, PyUntypedBuffer};
 use pyo3::exceptions::{PyBufferError, PyRuntimeError, PyValueError};
 use pyo3::ffi;
 use pyo3::prelude::*;
@@ -246,6 +246,22 @@ pub(crate) fn shaped<'py>(
 ) -> PyResult<Bound<'py, PyMemoryView>> {
     let shaped = Bound::new(data.py(), Shaped::of(data, format, shape, itemsize, fortran)?)?;
     PyMemoryView::from(shaped.as_any())
+}
+
+/// Copies the bytes of an object that lie in a row, in whatever order of dimensions. Other threads run meanwhile, as while
+/// NumPy copies. Returns whether the object has a buffer of as many bytes; if not, nothing was copied.
+pub(crate) fn copy_in_a_row(from: &Bound<'_, PyAny>, to: &mut [u8]) -> bool {
+    // NumPy gives no buffer of some arrays, as of times.
+    let Ok(buffer) = PyUntypedBuffer::get(from) else { return false };
+    let in_a_row = buffer.is_c_contiguous() || buffer.is_fortran_contiguous();
+    if !in_a_row || buffer.len_bytes() != to.len() || to.is_empty() {
+        return false;
+    }
+    // SAFETY: by the protocol, the bytes stay where they are as long as there is the buffer, which ends after the copy. A
+    // thread that writes to an array while it is sent gets a mixture, as it does where NumPy copies: bytes of any value.
+    let bytes = unsafe { std::slice::from_raw_parts(buffer.buf_ptr().cast::<u8>(), to.len()) };
+    from.py().detach(|| hprm_store::copy(to, bytes));
+    true
 }
 
 /// Memory for the bytes of a value that is being encoded.

@@ -45,4 +45,5 @@ pub use ledger::{HoldError, Ledger, Loan, LoanError, StoreLimits, StoreStats};
 pub use loan::{LoanOf, WritableLoan};
 pub use object::Object;
 pub use ring::{RING_CAPACITY, RingError, RingReader, RingWriter, map_ring_pair, ring_pair};
+pub use shm::{STREAMED, copy};
 pub use store::{Announcement, Store};

@@ -26,6 +26,7 @@ mod locks;
 mod mapping;
 mod published;
 mod segment;
+mod streaming;
 mod view;
 mod words;
 
@@ -34,5 +35,6 @@ pub(crate) use cow_pages::CowPages;
 pub(crate) use locks::{FileDescription, ForkLock, is_locked, lock_file};
 pub(crate) use published::{PublishedWords, WordsView};
 pub(crate) use segment::{ReadBorrow, Segment, WriteBorrow};
+pub use streaming::{STREAMED, copy};
 pub(crate) use view::SegmentView;
 pub(crate) use words::SharedWords;

@@ -223,7 +223,7 @@ impl Store {
     /// As for [`Self::loan`].
     pub fn put(&mut self, bytes: &[u8], readers: &[FederateId]) -> Result<ObjectRef, StoreError> {
         let mut loan = self.loan(bytes.len())?;
-        loan.copy_from_slice(bytes);
+        crate::shm::copy(&mut loan, bytes);
         self.count_copy(bytes.len());
         Ok(self.seal(loan, readers))
     }

@@ -209,10 +209,15 @@ pub(super) struct Layout<'py> {
 }
 
 impl<'py> Layout<'py> {
+    /// Whether all bytes of an element belong to its value.
+    pub(super) fn has_plain_elements(&self) -> bool {
+        self.description.as_bytes().first() != Some(&FIELDS)
+    }
+
     /// The array with elements of which NumPy copies every byte. Of those with fields it copies only the
     /// fields: in the gaps would be whatever was in the memory before.
     fn elements(&self, array: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-        if self.description.as_bytes().first() != Some(&FIELDS) {
+        if self.has_plain_elements() {
             return Ok(array.clone());
         }
         let py = array.py();

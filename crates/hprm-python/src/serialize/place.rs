@@ -5,14 +5,14 @@
 //! forwarded.
 
 use hprm_core::{FederateId, Part, zeroed};
-use hprm_store::{Object, StoreAllocator, StoreError};
+use hprm_store::{Object, STREAMED, StoreAllocator, StoreError};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
 use super::array::{self, Layout, Numpy};
 use super::encode::Source;
 use super::sole::{self, Sole};
-use crate::buffer::{Draft, Staging};
+use crate::buffer::{Draft, Staging, copy_in_a_row};
 use crate::console::say;
 use crate::failure::no_memory;
 use crate::numpy_memory;
@@ -78,7 +78,7 @@ impl<'s> Place<'s> {
     /// Places bytes.
     pub(super) fn put_bytes(&mut self, bytes: &[u8]) -> PyResult<Part> {
         self.write(bytes.len(), |mut draft| {
-            draft.bytes_mut().copy_from_slice(bytes);
+            hprm_store::copy(draft.bytes_mut(), bytes);
             Ok(draft)
         })
     }
@@ -149,14 +149,18 @@ impl Source<'_> {
     fn write(&self, py: Python<'_>, mut draft: Draft) -> PyResult<Draft> {
         match self {
             Self::Array(array, layout) => {
+                let is_streamed = layout.len >= STREAMED && layout.has_plain_elements();
+                if is_streamed && copy_in_a_row(array, draft.bytes_mut()) {
+                    return Ok(draft);
+                }
                 let numpy = Numpy::imported(py)?;
                 return Staging::lend(py, draft, |buffer| numpy.gather(array, layout, buffer));
             }
             Self::Writer(write, _) => {
                 return Staging::lend(py, draft, |buffer| write.call1((buffer,)).map(drop));
             }
-            Self::Bytes(bytes) => draft.bytes_mut().copy_from_slice(bytes.as_bytes()),
-            Self::Text(text) => draft.bytes_mut().copy_from_slice(text.to_str()?.as_bytes()),
+            Self::Bytes(bytes) => hprm_store::copy(draft.bytes_mut(), bytes.as_bytes()),
+            Self::Text(text) => hprm_store::copy(draft.bytes_mut(), text.to_str()?.as_bytes()),
             Self::Buffer(buffer) => buffer.copy_to_slice(py, draft.bytes_mut())?,
         }
         Ok(draft)
