@@ -42,6 +42,7 @@ use crate::Failure;
 use crate::about::{self, Here};
 use crate::access;
 use crate::credentials::Credentials;
+use crate::door::Door;
 use crate::membership::{self, News};
 use crate::options::Options;
 use crate::others::Reached;
@@ -119,6 +120,8 @@ struct OpeningText {
 /// See the module.
 pub(crate) struct Carrier {
     session: zenoh::Session,
+    /// Where the session finds the credentials, if this machine was enrolled.
+    door: Option<Door>,
     me: AgentId,
     inbox: Arc<Inbox>,
     packets: Receiver<Event>,
@@ -166,7 +169,12 @@ impl Carrier {
         me: AgentId,
         limited: Option<Limited>,
     ) -> Result<Self, Failure> {
-        let session = zenoh::open(config(options, credentials)?).wait().map_err(|error| {
+        let door = credentials.map(|it| Door::open(it.folder())).transpose();
+        let door = door.map_err(|error| {
+            Failure::new(format!("the agent cannot open the folder of its credentials: {error}"))
+        })?;
+        let config = config(options, credentials, door.as_ref())?;
+        let session = zenoh::open(config).wait().map_err(|error| {
             let listen = options.listen.join(" and ");
             // What follows are places in Zenoh's sources.
             let error = error.to_string();
@@ -195,6 +203,7 @@ impl Carrier {
         let declared = declare(&session, &me, &inbox).map_err(failed)?;
         Ok(Self {
             session,
+            door,
             me,
             inbox,
             packets,
@@ -215,7 +224,7 @@ impl Carrier {
         credentials: &Credentials,
     ) -> Result<(), Failure> {
         // A session that cannot be closed does not listen any more, or the next one says so.
-        let _ = self.session.close().wait();
+        self.end();
         let limited = self.here.limited();
         *self = Self::open(options, Some(credentials), self.me.clone(), limited)?;
         Ok(())
@@ -310,8 +319,14 @@ impl Carrier {
     }
 
     /// Ends the session; what was sent leaves first.
-    pub(crate) fn close(self) {
+    pub(crate) fn close(mut self) {
         // A session that cannot be closed ends with the process.
+        self.end();
+    }
+
+    fn end(&mut self) {
+        // Without a descriptor for that, the session ends as well, and seldom comes back.
+        let _ = self.door.as_mut().map(Door::shut);
         let _ = self.session.close().wait();
     }
 }
@@ -484,7 +499,11 @@ fn link_of(key: &str) -> Option<LinkId> {
     Some(LinkId { agent: AgentId::read(&mut parts)?, number, router: router::of(key) })
 }
 
-fn config(options: &Options, credentials: Option<&Credentials>) -> Result<zenoh::Config, Failure> {
+fn config(
+    options: &Options,
+    credentials: Option<&Credentials>,
+    door: Option<&Door>,
+) -> Result<zenoh::Config, Failure> {
     let protocol = if options.tls.is_some() { "tls" } else { "tcp" };
     let endpoints = |places: &[String]| {
         let places: Vec<_> = places.iter().map(|place| format!("{protocol}/{place}")).collect();
@@ -507,7 +526,8 @@ fn config(options: &Options, credentials: Option<&Credentials>) -> Result<zenoh:
     if options.connect_only {
         settings.push(("scouting/gossip/autoconnect", "[]".to_owned()));
     }
-    if let Some(tls) = &options.tls {
+    let behind = door.map(Door::tls);
+    if let Some(tls) = behind.as_ref().or(options.tls.as_ref()) {
         let path = |path: &std::path::Path| text(&path.to_string_lossy());
         settings.extend([
             ("transport/link/tls/root_ca_certificate", path(&tls.ca)),

@@ -194,8 +194,7 @@ impl Credentials {
 
     /// The files, for TLS.
     pub(crate) fn tls(&self) -> Tls {
-        let file = |name| self.folder.join(name);
-        Tls { cert: file(CERTIFICATE), key: file(KEY), ca: file(AUTHORITY) }
+        tls_in(&self.folder)
     }
 
     pub(crate) fn roster(&self) -> &Roster {
@@ -316,6 +315,12 @@ impl Credentials {
         drop(lock);
         Self::open()?.ok_or_else(|| Failure::new("the certificate is gone"))
     }
+}
+
+/// The files for TLS in a folder of credentials.
+pub(crate) fn tls_in(folder: &Path) -> Tls {
+    let file = |name| folder.join(name);
+    Tls { cert: file(CERTIFICATE), key: file(KEY), ca: file(AUTHORITY) }
 }
 
 /// Until when the certificate in a file is valid.

@@ -4,7 +4,7 @@
 //! This file has the command line. `agent.rs` is the loop, `carrier.rs` and `about.rs` all that knows Zenoh, `local.rs` what processes
 //! of this machine want, `link.rs` one link, `starters.rs` what starts programs for other machines, `limits.rs` and `groups.rs` what these may use, `credentials.rs` how machines
 //! come to belong together, `membership.rs` how they learn that this has changed, `renewal.rs` how they get certificates that end later, `access.rs` what each
-//! of them may say,
+//! of them may say, `door.rs` how long a session connects,
 //! `replies.rs` where queries of others are answered.
 
 #![forbid(unsafe_code)]
@@ -14,6 +14,7 @@ mod access;
 mod agent;
 mod carrier;
 mod credentials;
+mod door;
 mod groups;
 mod limits;
 mod link;
