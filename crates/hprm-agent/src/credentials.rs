@@ -212,14 +212,18 @@ impl Credentials {
             .is_ok_and(|roster| roster.number > self.roster.number)
     }
 
-    /// Keeps such a roster. Anything else changes nothing.
+    /// Keeps a roster that is newer than this one, and than any that has been kept since. Anything else changes nothing.
     ///
     /// # Errors
     ///
     /// If it cannot be kept.
     pub(crate) fn learn(&self, text: &[u8]) -> Result<(), Failure> {
-        match self.is_newer(text) {
-            true => files::write(&self.folder.join(ROSTER), text),
+        let path = self.folder.join(ROSTER);
+        let number = |text: &[u8]| Some(Roster::read(text, &self.authority.key).ok()?.number);
+        // Several agents answer, and not all of them have the latest.
+        let kept = files::read(&path).ok().and_then(|text| number(text.as_bytes()));
+        match number(text) > kept.max(Some(self.roster.number)) {
+            true => files::write(&path, text),
             false => Ok(()),
         }
     }

@@ -94,12 +94,12 @@ impl Membership {
         Ok(())
     }
 
-    /// Whether the roster or the certificate of this machine has changed since the last look.
+    /// The credentials before, if the roster or the certificate of this machine has changed since the last look.
     ///
     /// # Errors
     ///
     /// If this machine does not belong to the others any more.
-    pub(crate) fn look(&mut self) -> Result<bool, Failure> {
+    pub(crate) fn look(&mut self) -> Result<Option<Credentials>, Failure> {
         let mut has_changed = false;
         // It ends when nothing more has changed.
         while rustix::io::read(&self.changes, &mut [0; 4096]).is_ok_and(|count| count > 0) {
@@ -109,7 +109,7 @@ impl Membership {
             look_at_bundle(&self.credentials);
         }
         if !has_changed || !self.credentials.is_stale() {
-            return Ok(false);
+            return Ok(None);
         }
         match self.credentials.read_again() {
             Ok(Some(credentials)) => {
@@ -117,14 +117,13 @@ impl Membership {
                 if let Some(date) = credentials.renewed_since(&self.credentials) {
                     eprintln!("the certificate of {} is renewed until {date}", credentials.name());
                 }
-                self.credentials = credentials;
-                Ok(true)
+                Ok(Some(std::mem::replace(&mut self.credentials, credentials)))
             }
             Ok(None) => Err(Failure::new("the credentials of this machine have been removed")),
             Err(failure) => {
                 // Whatever was put there, the old roster holds.
                 eprintln!("error: {failure}");
-                Ok(false)
+                Ok(None)
             }
         }
     }

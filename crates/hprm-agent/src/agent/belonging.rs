@@ -31,8 +31,8 @@ impl Agent {
     /// If this machine does not belong to the others any more, or cannot be reached again.
     pub(super) fn belong(&mut self, options: &Options) -> Result<(), Failure> {
         let Some(membership) = &mut self.membership else { return Ok(()) };
-        if membership.look()? {
-            self.reopen(options)?;
+        if let Some(before) = membership.look()? {
+            self.reopen(options, &before)?;
         }
         let Some(membership) = &mut self.membership else { return Ok(()) };
         if membership.is_to_ask(Clock::local()) {
@@ -60,14 +60,14 @@ impl Agent {
         self.daily.look(now, lifetime.as_ref());
     }
 
-    fn reopen(&mut self, options: &Options) -> Result<(), Failure> {
+    fn reopen(&mut self, options: &Options, before: &Credentials) -> Result<(), Failure> {
         let Some(membership) = &self.membership else { return Ok(()) };
         let credentials = membership.credentials.clone();
         let now = Clock::local();
         let mut halves = Vec::new();
         for (id, link) in &mut self.links {
             let (machine, roster) = (&id.agent.machine, credentials.roster());
-            if roster.member(machine).is_none() {
+            if roster.has_taken_out(before.roster(), machine) {
                 let why = format!("the authority has taken {machine} out of its machines");
                 link.handle(now, Input::Abort(why));
             } else if let Some(router) = id.router.as_ref().filter(|it| !roster.is_router(it)) {

@@ -50,6 +50,12 @@ impl Roster {
         self.machines.iter().find(|member| member.name == name)
     }
 
+    /// Whether a machine has been taken out since an earlier roster. One that neither has may have come later than both:
+    /// this need not be the latest, and a router leads what such a machine says.
+    pub(crate) fn has_taken_out(&self, earlier: &Self, name: &str) -> bool {
+        earlier.member(name).is_some() && self.member(name).is_none()
+    }
+
     /// The subjects of all certificates that count.
     pub(super) fn subjects(&self) -> BTreeSet<&str> {
         self.machines.iter().map(|member| &*member.subject).collect()
@@ -197,5 +203,24 @@ mod tests {
         assert!(!roster.revoke("robot1"));
         assert_eq!((roster.number, roster.member("robot1")), (4, None));
         assert_eq!(roster.admit("robot1", false), "robot1#5");
+    }
+
+    #[test]
+    fn a_machine_is_taken_out_if_it_was_there_and_is_not_any_more() {
+        let mut roster = Roster::default();
+        roster.admit("robot1", false);
+        let first = roster.clone();
+        roster.admit("robot2", false);
+        let second = roster.clone();
+        roster.admit("robot3", false);
+        roster.revoke("robot1");
+        let taken = |later: &Roster, earlier: &Roster| {
+            ["robot1", "robot2", "robot3"].map(|name| later.has_taken_out(earlier, name))
+        };
+        assert_eq!(taken(&roster, &first), [true, false, false]);
+        // The second roster is not the latest: of the third machine it knows nothing.
+        assert_eq!(taken(&second, &first), [false; 3]);
+        roster.admit("robot1", false);
+        assert_eq!(taken(&roster, &first), [false; 3]);
     }
 }

@@ -85,6 +85,30 @@ fn a_renewed_certificate_is_for_the_same_name_and_key_and_is_taken_once() {
 }
 
 #[test]
+fn of_several_rosters_the_latest_is_kept_whichever_comes_first() {
+    let mut place = Place::new();
+    let robot = place.enroll("robot2", NOW);
+    let [third, fourth] = ["robot3", "robot4"].map(|name| place.enroll(name, NOW));
+    let kept = || read(&robot.folder).roster().number;
+    for (text, number) in [
+        (third.signed_roster(), 2),
+        (fourth.signed_roster(), 3),
+        (third.signed_roster(), 3),
+        (robot.signed_roster(), 3),
+        (&b"no roster"[..], 3),
+    ] {
+        robot.learn(text).unwrap();
+        assert_eq!(kept(), number);
+    }
+    // What is no roster does not keep one from being learnt.
+    files::write(&robot.folder.join(ROSTER), b"no roster").unwrap();
+    robot.learn(robot.signed_roster()).unwrap();
+    assert!(Credentials::read_in(robot.folder.clone(), None).is_err());
+    robot.learn(third.signed_roster()).unwrap();
+    assert_eq!(kept(), 2);
+}
+
+#[test]
 fn machines_are_renewed_that_are_on_the_roster_and_known() {
     let mut place = Place::new();
     place.enroll("robot2", NOW);
