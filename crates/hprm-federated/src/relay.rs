@@ -79,7 +79,7 @@ pub enum Input {
     CarrierUp,
     /// The carrier says that it carries nothing at the moment.
     CarrierDown,
-    /// Time has passed.
+    /// Time has passed, and everything that has come has been handed over.
     Wake,
 }
 
@@ -251,6 +251,7 @@ impl Relay {
             self.asked = None;
             self.must_ask = true;
         }
+        let is_wake = input == Input::Wake;
         match input {
             Input::Frame(bytes) if bytes.len() > self.room() || self.room() == 0 => {
                 return Err(NoRoom(bytes.len()));
@@ -269,7 +270,7 @@ impl Relay {
             Input::CarrierUp => self.carrier_works(),
             Input::Finish | Input::Wake => {}
         }
-        self.pass_time();
+        self.pass_time(is_wake);
         Ok(())
     }
 
@@ -343,7 +344,8 @@ impl Relay {
         }
     }
 
-    fn pass_time(&mut self) {
+    /// Does what is due. Nothing counts as lost before everything has been handed over that has come: answers to it may be among that.
+    fn pass_time(&mut self, all_has_come: bool) {
         if self.ended.is_some() {
             return;
         }
@@ -351,7 +353,7 @@ impl Relay {
             let silence = self.now.since(self.received_at);
             return self.end(End::Silent(silence), Reason::Silent);
         }
-        if self.carrier_up {
+        if self.carrier_up && all_has_come {
             self.outgoing.time_out(self.now);
         }
         if self.is_finished() {

@@ -43,6 +43,8 @@ pub(crate) struct Load {
 pub(crate) enum Fault {
     /// Nothing is carried; the ends are told so, or not.
     Cut { told: bool },
+    /// Everything takes so much longer than usual, in nanoseconds, as on a machine that is busy: what is late is not lost.
+    Slow { by: Nanos },
     /// One end stands still.
     Pause { end: usize },
     /// Both ends stand still, as they do if they are on one machine that is suspended.
@@ -84,6 +86,8 @@ pub struct RelayVerdict {
     pub packets: u64,
     /// See above.
     pub lost: u64,
+    /// Frames that arrived once more.
+    pub duplicates: u64,
     /// Whether the link ended before everything had arrived, as it must.
     pub failed: bool,
 }
@@ -116,6 +120,25 @@ impl RelayTrial {
             episodes.push(Episode { fault, from, until: Nanos::MAX });
         }
         Self { seed, line, loads, episodes, rng }
+    }
+
+    /// A link of a seed that loses nothing, on which one end sends much, and which is slow at times.
+    #[must_use]
+    pub fn draw_late(seed: u64) -> Self {
+        let mut rng = Rng::new(seed);
+        let line = Line::steady();
+        let frames = (0..4_000).map(|_| usize::try_from(rng.below(200)).unwrap_or(0)).collect();
+        let writes_every = 200 + rng.below(3_000);
+        let sends = Load { frames, writes_every, reads_every: 1, finishes_at: 0 };
+        let takes = Load { frames: Vec::new(), ..sends.clone() };
+        let mut from = 100 * MS;
+        let mut episodes = Vec::new();
+        while episodes.len() < 4 {
+            let until = from + nanos(200 + rng.below(500)) * MS;
+            episodes.push(Episode { fault: slow(&mut rng), from, until });
+            from = until + nanos(rng.below(500)) * MS;
+        }
+        Self { seed, line, loads: [sends, takes], episodes, rng }
     }
 
     /// Runs the link to its end.
@@ -229,15 +252,21 @@ fn breaks(rng: &mut Rng) -> Vec<Episode> {
             true => 8 * SECOND,
             false => nanos(1 + rng.below(2_000)) * MS,
         };
-        let (fault, length) = match rng.below(10) {
+        let (fault, length) = match rng.below(12) {
             0..5 => (Fault::Cut { told: rng.percent(50) }, length),
             5..9 => (Fault::Pause { end: usize::from(rng.percent(50)) }, length),
-            _ => (Fault::Suspended, 4 * length),
+            9 => (Fault::Suspended, 4 * length),
+            _ => (slow(rng), length),
         };
         episodes.push(Episode { fault, from, until: from + length });
         from += length + BETWEEN + nanos(rng.below(3_000)) * MS;
     }
     episodes
+}
+
+/// A line that becomes slow, by less than what other faults are away.
+fn slow(rng: &mut Rng) -> Fault {
+    Fault::Slow { by: nanos(20 + rng.below(480)) * MS }
 }
 
 /// A number that is far below the largest time.

@@ -22,6 +22,19 @@ fn relayed_links_keep_their_promises_whatever_the_carrier_does() {
 }
 
 #[test]
+fn little_is_sent_again_that_is_only_late() {
+    let (mut frames, mut duplicates) = (0, 0);
+    for seed in 0..50 {
+        let trial = RelayTrial::draw_late(seed);
+        let verdict = trial.run().unwrap_or_else(|wrong| panic!("seed {seed}: {wrong}\n{trial}"));
+        frames += verdict.frames as u64;
+        duplicates += verdict.duplicates;
+        assert_eq!(verdict.lost, 0, "seed {seed}");
+    }
+    assert!(duplicates < frames / 200, "{duplicates} of {frames} frames came once more");
+}
+
+#[test]
 fn a_seed_of_a_link_does_the_same_each_time() {
     for seed in 0..100 {
         assert_eq!(RelayTrial::draw(seed).run(), RelayTrial::draw(seed).run(), "seed {seed}");

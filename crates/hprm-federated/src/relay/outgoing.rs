@@ -39,10 +39,23 @@ struct Slot {
     item: Option<Item>,
     /// The bytes of all items through this one.
     end: u64,
-    /// The last transmission, if it is on its way.
+    /// When it was sent last, and that transmission, if it is on its way.
+    sent: Option<PhysicalTime>,
     transmission: Option<u64>,
+    /// Its only transmission, if that counts as lost for no other reason than that there was no answer in time.
+    overdue: Option<u64>,
     /// Whether it has been sent more than once, so an answer does not tell which was answered.
     again: bool,
+}
+
+/// What is known of transmissions that have had no answer in time. They are lost, or only late: then each that is sent again is in
+/// vain. So one is sent again, and what is answered first tells which it is.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+enum Probe {
+    /// The last of the items is to be sent again.
+    Due,
+    /// This one has been.
+    Sent(u64),
 }
 
 /// See the module.
@@ -67,6 +80,7 @@ pub(super) struct Outgoing {
     frame_limit: u64,
     byte_limit: u64,
     is_finished: bool,
+    probe: Option<Probe>,
     pace: Pace,
 }
 
@@ -86,6 +100,7 @@ impl Outgoing {
             frame_limit: WINDOW_FRAMES,
             byte_limit: WINDOW_BYTES,
             is_finished: false,
+            probe: None,
             pace: Pace::new(WINDOW_BYTES),
         }
     }
@@ -103,7 +118,9 @@ impl Outgoing {
         self.is_finished |= item == Item::Finish;
         self.held += item.len();
         self.given += item.len();
-        let slot = Slot { item: Some(item), end: self.given, transmission: None, again: false };
+        let (sent, transmission, overdue) = (None, None, None);
+        let end = self.given;
+        let slot = Slot { item: Some(item), end, sent, transmission, overdue, again: false };
         self.slots.push_back(slot);
     }
 
@@ -133,7 +150,12 @@ impl Outgoing {
         if self.flight >= self.pace.window() {
             return None;
         }
-        let number = match self.lost.pop_first() {
+        let next = match self.probe {
+            Some(Probe::Sent(_)) => return None,
+            Some(Probe::Due) => self.lost.pop_last(),
+            None => self.lost.pop_first(),
+        };
+        let number = match next {
             Some(number) => number,
             None if self.unsent < self.end() && self.has_credit() => {
                 self.open.insert(self.unsent);
@@ -142,12 +164,14 @@ impl Outgoing {
             }
             None => return None,
         };
+        self.probe = self.probe.map(|_| Probe::Sent(number));
         let transmission = self.transmissions;
         self.transmissions += 1;
         self.under_way.insert(transmission, (number, now));
         let at = self.index(number)?;
         let slot = &mut self.slots[at];
-        slot.transmission = Some(transmission);
+        slot.again = slot.sent.is_some();
+        (slot.sent, slot.transmission, slot.overdue) = (Some(now), Some(transmission), None);
         let item = slot.item.as_ref()?;
         self.flight += item.cost();
         Some((number, item))
@@ -171,12 +195,18 @@ impl Outgoing {
         }
         self.frame_limit = self.frame_limit.max(header.frame_limit);
         self.byte_limit = self.byte_limit.max(header.byte_limit);
-        let mut latest = None;
+        let (mut latest, mut are_late) = (None, false);
         for run in std::iter::once(0..header.next).chain(runs) {
             while let Some(number) = self.open.range(run.clone()).next().copied() {
                 self.open.remove(&number);
+                are_late |= self.is_overdue(number);
                 latest = latest.max(self.arrived(number, now));
             }
+        }
+        if are_late {
+            self.recall(now);
+        } else if self.lost.is_empty() && self.probe == Some(Probe::Due) {
+            self.probe = None;
         }
         while self.first < header.next {
             self.slots.pop_front();
@@ -192,14 +222,16 @@ impl Outgoing {
     pub(super) fn time_out(&mut self, now: PhysicalTime) {
         if self.timeout().is_some_and(|due| due <= now) {
             self.pace.timed_out();
-            self.lose(u64::MAX);
+            self.lose(u64::MAX, true);
+            self.probe = Some(Probe::Due);
         }
     }
 
     /// The carrier works again after a break. What was on its way is lost.
     pub(super) fn resume(&mut self) {
         self.pace.resumed();
-        self.lose(u64::MAX);
+        self.lose(u64::MAX, false);
+        self.probe = None;
     }
 
     fn end(&self) -> u64 {
@@ -226,14 +258,44 @@ impl Outgoing {
         self.lost.remove(&number);
         self.held -= item.len();
         self.pace.arrived(item.cost());
-        let transmission = slot.transmission.take()?;
-        self.flight -= item.cost();
-        let (_, since) = self.under_way.remove(&transmission)?;
+        let transmission = slot.transmission.take();
+        if let Some(transmission) = transmission {
+            self.flight -= item.cost();
+            self.under_way.remove(&transmission);
+        }
+        if self.probe == Some(Probe::Sent(number)) {
+            // What was sent before it and has not come is lost, as far as is known.
+            self.probe = None;
+        }
         if slot.again {
             return None;
         }
-        self.pace.measured(now.since(since));
-        Some(transmission)
+        // However late it is: the next ones may be as late.
+        self.pace.measured(now.since(slot.sent?));
+        transmission.or(slot.overdue)
+    }
+
+    /// Whether an item counts as lost for no other reason than that there was no answer in time.
+    fn is_overdue(&self, number: u64) -> bool {
+        self.index(number).is_some_and(|at| self.slots[at].overdue.is_some())
+    }
+
+    /// One of the transmissions without an answer was only late, so the others may be on their way, too.
+    fn recall(&mut self, now: PhysicalTime) {
+        self.probe = None;
+        self.pace.was_hasty();
+        let lost = std::mem::take(&mut self.lost);
+        for number in lost {
+            let Some(at) = self.index(number) else { continue };
+            let slot = &mut self.slots[at];
+            let (Some(transmission), Some(item)) = (slot.overdue.take(), &slot.item) else {
+                self.lost.insert(number);
+                continue;
+            };
+            slot.transmission = Some(transmission);
+            self.flight += item.cost();
+            self.under_way.insert(transmission, (number, now));
+        }
     }
 
     /// A transmission has arrived, so those well before it are lost.
@@ -242,19 +304,19 @@ impl Outgoing {
         let first = self.under_way.first_key_value().map(|(transmission, _)| *transmission);
         if let Some(transmission) = first.filter(|first| *first <= through) {
             self.pace.lost(transmission, self.transmissions);
-            self.lose(through);
+            self.lose(through, false);
         }
     }
 
-    /// The transmissions through that one are lost.
-    fn lose(&mut self, through: u64) {
+    /// The transmissions through that one are lost, as far as is known: they may only be overdue.
+    fn lose(&mut self, through: u64, are_overdue: bool) {
         while let Some(entry) = self.under_way.first_entry().filter(|entry| *entry.key() <= through)
         {
-            let (number, _) = entry.remove();
+            let (transmission, (number, _)) = entry.remove_entry();
             let Some(at) = self.index(number) else { continue };
             let slot = &mut self.slots[at];
             slot.transmission = None;
-            slot.again = true;
+            slot.overdue = Some(transmission).filter(|_| are_overdue && !slot.again);
             self.flight -= slot.item.as_ref().map_or(0, Item::cost);
             self.lost.insert(number);
         }

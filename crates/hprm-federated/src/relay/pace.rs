@@ -29,6 +29,8 @@ pub(super) struct Pace {
     window: u64,
     threshold: u64,
     limit: u64,
+    /// Both before the first of these timeouts.
+    before: Option<(u64, u64)>,
     /// Losses of transmissions before this one have been answered by a smaller window.
     answered: u64,
 }
@@ -36,8 +38,8 @@ pub(super) struct Pace {
 impl Pace {
     /// For a link that has at most so much on its way.
     pub(super) fn new(limit: u64) -> Self {
-        let (round_trip, timeouts, window, threshold, answered) = (None, 0, LEAST, limit, 0);
-        Self { round_trip, timeouts, window, threshold, limit, answered }
+        let (round_trip, timeouts, window, threshold) = (None, 0, LEAST, limit);
+        Self { round_trip, timeouts, window, threshold, limit, before: None, answered: 0 }
     }
 
     /// How much may be on its way, by cost.
@@ -51,7 +53,7 @@ impl Pace {
         (patience.clamp(SHORTEST, LONGEST) << self.timeouts.min(6)).min(LONGEST)
     }
 
-    /// A frame that was sent once has been answered.
+    /// A frame that was sent once has been answered, perhaps after it counted as lost.
     pub(super) fn measured(&mut self, time: Nanos) {
         let time = time.max(0);
         self.round_trip = Some(match self.round_trip {
@@ -84,9 +86,19 @@ impl Pace {
 
     /// Nothing has been answered for as long as [`Pace::timeout`] says.
     pub(super) fn timed_out(&mut self) {
+        if self.timeouts == 0 {
+            self.before = Some((self.window, self.threshold));
+        }
         self.timeouts += 1;
         self.threshold = (self.window / 2).max(LEAST);
         self.window = LEAST;
+    }
+
+    /// What had not been answered in time was only late.
+    pub(super) fn was_hasty(&mut self) {
+        if let Some((window, threshold)) = self.before.take() {
+            (self.window, self.threshold) = (self.window.max(window), threshold);
+        }
     }
 
     /// The carrier works again: what was learnt of its silence is void.

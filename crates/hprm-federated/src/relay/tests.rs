@@ -310,3 +310,38 @@ fn a_break_of_the_carrier_is_made_up_for_as_soon_as_it_works() {
     pair.settle([false; 2]);
     assert_eq!(pair.told[1], [Output::Frame(vec![1]), Output::Frame(vec![2])]);
 }
+
+#[test]
+fn of_what_is_only_late_one_frame_is_sent_again_and_the_next_time_none() {
+    let mut pair = Pair::acquainted();
+    let mut again = 0;
+    for round in 0..2 {
+        let began = pair.now;
+        (0..40).for_each(|byte| pair.give(0, Input::Frame(vec![byte])));
+        let late = pair.drain(0);
+        assert_eq!(late.len(), 40);
+        while pair.now < began.plus(500 * MS) {
+            pair.now = pair.ends[0].next_wakeup().min(began.plus(500 * MS));
+            pair.give(0, Input::Wake);
+            again += pair.drain(0).len();
+        }
+        for packet in late {
+            pair.give(1, Input::Packet(packet));
+            let answers = pair.drain(1);
+            answers.into_iter().for_each(|answer| pair.give(0, Input::Packet(answer)));
+            again += pair.drain(0).len();
+        }
+        assert_eq!((again, pair.told[1].len()), (1, 40 * (round + 1)));
+    }
+}
+
+#[test]
+fn what_is_lost_at_the_end_is_sent_again_once_one_of_it_has_arrived() {
+    let mut pair = Pair::acquainted();
+    (0..40).for_each(|byte| pair.give(0, Input::Frame(vec![byte])));
+    assert_eq!(pair.drain(0).len(), 40);
+    pair.pass(at(500), [false; 2]);
+    let frames: Vec<_> = (0..40).map(|byte| Output::Frame(vec![byte])).collect();
+    assert_eq!(pair.told[1], frames);
+    assert_eq!(pair.ends[1].dropped().duplicates, 0);
+}

@@ -24,6 +24,11 @@ impl Line {
         Self { loss: 0, duplicates: 0, latency: 200, jitter: 50, backlog: 256 }
     }
 
+    /// One on which all packets take the same time.
+    pub(crate) fn steady() -> Self {
+        Self { jitter: 0, ..Self::good() }
+    }
+
     /// Whether it keeps the order of packets, but for a few.
     pub(crate) fn is_orderly(&self) -> bool {
         self.jitter <= 50 && self.duplicates <= 5 && self.loss <= 5

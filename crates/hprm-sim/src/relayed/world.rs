@@ -12,6 +12,9 @@ use crate::Rng;
 /// A link that goes on after so many events never ends.
 const EVENTS: usize = 3_000_000;
 
+/// What lies between two packets at least that a line has delayed: it does not change their order then.
+const GAP: Nanos = 60_000;
+
 /// One end, and its program.
 struct Site<'a> {
     relay: Relay,
@@ -46,6 +49,9 @@ pub(crate) struct World<'a> {
     sites: [Site<'a>; 2],
     carried: Carried<usize>,
     is_cut: bool,
+    /// By how much packets enter the line later, and when the last one did for each end: they do in their order.
+    slow: Nanos,
+    entered: [Nanos; 2],
     /// What begins and what ends, in the order of times.
     changes: VecDeque<(Nanos, bool, Fault)>,
 }
@@ -64,8 +70,8 @@ impl<'a> World<'a> {
             std::iter::once((*from, true, *fault)).chain(end)
         });
         let changes = changes.collect();
-        let carried = Carried::new();
-        Self { line, rng, now: 0, sites, carried, is_cut: false, changes }
+        let (carried, slow, entered) = (Carried::new(), 0, [0; 2]);
+        Self { line, rng, now: 0, sites, carried, is_cut: false, slow, entered, changes }
     }
 
     /// Runs until both ends have ended, or until a time.
@@ -99,6 +105,7 @@ impl<'a> World<'a> {
             frames: self.sites.iter().map(|site| site.arrived).sum(),
             packets: self.carried.sent,
             lost: self.carried.lost,
+            duplicates: self.sites.iter().map(|site| site.relay.dropped().duplicates).sum(),
             failed: false,
         }
     }
@@ -150,6 +157,7 @@ impl<'a> World<'a> {
                     self.give(end, input.clone())?;
                 }
             }
+            Fault::Slow { by } => self.slow = if begins { by } else { 0 },
             Fault::Pause { end } => {
                 self.sites[end].is_paused = begins;
                 while let Some(packet) = self.sites[end].backlog.pop_front().filter(|_| !begins) {
@@ -227,7 +235,10 @@ impl<'a> World<'a> {
             match output {
                 Output::Packet(packet) if self.is_cut => drop(packet),
                 Output::Packet(packet) => {
-                    self.carried.send(self.line, &mut self.rng, self.now, 1 - end, packet);
+                    let entered = &mut self.entered[1 - end];
+                    let after = if *entered > self.now { *entered + GAP } else { self.now };
+                    *entered = (self.now + self.slow).max(after);
+                    self.carried.send(self.line, &mut self.rng, *entered, 1 - end, packet);
                 }
                 Output::Frame(bytes) => site.takes(&bytes)?,
                 Output::Finished => site.told_finished()?,
