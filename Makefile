@@ -128,7 +128,6 @@ test-agent: $(VENV)/.checked $(VENV)/.requirements ## of `make test`, what runs 
 	HPRM_AGENT_PROGRAM=$(CURDIR)/target/agent/debug/hprm-agent \
 		$(BIN)/python -m pytest tests/agents --ignore tests/agents/test_fleet.py -n 4 --dist worksteal
 
-# It fails at times: `docs/howto/agents.md` says what is known of that.
 test-fleet: build agent ## run a federation of a hundred federates on ten machines, by nothing but agents
 	$(BIN)/python -m pytest tests/agents/test_fleet.py
 
