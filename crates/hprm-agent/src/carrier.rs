@@ -64,6 +64,14 @@ const _: () = assert!(PACKET_LIMIT >= FRAME_LIMIT + 1024);
 /// longest.
 const MESSAGE_LIMIT: usize = 4 << 20;
 
+/// The priority of the last packets of a link: no other ones have it, so they find room.
+pub(crate) const LAST: Priority = Priority::InteractiveLow;
+
+/// How many batches of 64 KiB wait for a connection at most: as many as Zenoh permits. A packet that finds no room within a
+/// millisecond is dropped. With two batches, as is usual, and one for each packet (`express`), no more than two packets of many had room
+/// while the thread that writes was not scheduled. Now packets share batches while others are written; where nothing waits, they leave at once.
+const BATCHES: u32 = 16;
+
 /// How long an agent may take to open a link.
 pub(crate) const OPENING: Duration = Duration::from_secs(20);
 
@@ -157,8 +165,9 @@ struct Inbox {
 pub(crate) struct Way {
     session: zenoh::Session,
     key: KeyExpr<'static>,
-    /// What becomes of a packet for which there is no room.
+    /// What becomes of a packet for which there is no room, and which room it has.
     congestion: CongestionControl,
+    priority: Priority,
 }
 
 impl Carrier {
@@ -308,7 +317,8 @@ impl Carrier {
         let rest = format!("links/{agent}/{}/{number:016x}", self.me);
         let key = KeyExpr::try_from(router::key(router.as_deref(), &rest));
         let key = key.map_err(|error| error.to_string())?;
-        Ok(Way { session: self.session.clone(), key, congestion: CongestionControl::Drop })
+        let (congestion, priority) = (CongestionControl::Drop, Priority::DEFAULT);
+        Ok(Way { session: self.session.clone(), key, congestion, priority })
     }
 
     /// Sends one packet of a link for which there is no way.
@@ -338,16 +348,17 @@ impl AsFd for Carrier {
 }
 
 impl Way {
-    /// From now on, packets wait until there is room: they are the last ones, and nothing sends them again.
+    /// From now on, packets wait until there is room: they are the last ones, and nothing sends them again. They have room of
+    /// their own, also at a router, which waits for none.
     pub(crate) fn insist(&mut self) {
-        self.congestion = CongestionControl::Block;
+        (self.congestion, self.priority) = (CongestionControl::Block, LAST);
     }
 
     /// Sends a packet, or drops it.
     pub(crate) fn send(&self, packet: Vec<u8>) {
-        let put = self.session.put(&self.key, packet);
+        let put = self.session.put(&self.key, packet).priority(self.priority);
         // A session that has ended carries nothing; the link notices the silence.
-        let _ = put.congestion_control(self.congestion).express(true).wait();
+        let _ = put.congestion_control(self.congestion).wait();
     }
 }
 
@@ -517,6 +528,7 @@ fn config(
         // Machines are named, so that no other one in the network is met by chance.
         ("scouting/multicast/enabled", "false".to_owned()),
         ("transport/link/rx/max_message_size", MESSAGE_LIMIT.to_string()),
+        ("transport/link/tx/queue/size/data", BATCHES.to_string()),
         (
             "connect/retry",
             r#"{"period_init_ms": 200, "period_max_ms": 2000, "period_increase_factor": 2}"#

@@ -24,10 +24,10 @@ use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
-use zenoh::qos::CongestionControl;
+use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{Query, Queryable};
 
-use crate::carrier::{AgentId, OPENING, PACKET_LIMIT, PACKETS, ROOT, asking};
+use crate::carrier::{AgentId, LAST, OPENING, PACKET_LIMIT, PACKETS, ROOT, asking};
 use crate::replies::Replies;
 
 /// How many queries may wait for their answers; more are dropped.
@@ -44,7 +44,7 @@ pub(crate) struct Router {
 
 /// What is to be led.
 enum Led {
-    Packet { key: String, packet: ZBytes },
+    Packet { key: String, packet: ZBytes, priority: Priority },
     Query(Query),
 }
 
@@ -119,8 +119,12 @@ fn take_packets(
         if let Some(key) = onward(sample.key_expr().as_str())
             && sample.payload().len() <= PACKET_LIMIT
         {
+            // The last packets of a link have room of their own from here on, too.
+            let is_last = sample.priority() == LAST;
+            let priority = if is_last { LAST } else { Priority::DEFAULT };
+            let packet = sample.payload().clone();
             // Without room it is dropped, and sent again.
-            drop(into.try_send(Led::Packet { key, packet: sample.payload().clone() }));
+            drop(into.try_send(Led::Packet { key, packet, priority }));
         }
     });
     declared.wait()
@@ -131,10 +135,10 @@ fn lead(session: &zenoh::Session, led: &Receiver<Led>, replies: &Replies) {
     let waiting = Arc::new(AtomicUsize::new(0));
     for one in led {
         match one {
-            Led::Packet { key, packet } => {
-                let put = session.put(key, packet);
+            Led::Packet { key, packet, priority } => {
+                let put = session.put(key, packet).priority(priority);
                 // A session that has ended carries nothing.
-                drop(put.congestion_control(CongestionControl::Drop).express(true).wait());
+                drop(put.congestion_control(CongestionControl::Drop).wait());
             }
             Led::Query(query) => ask(session, query, &waiting, replies.clone()),
         }
