@@ -44,7 +44,7 @@ MORE
 MORE = """\
         (f"share/{package_name}", glob("launch/*.launch.py")),
         (os.path.join("share", package_name, "config"), glob("params/*.yaml")),
-        (os.path.join("share", package_name, "models", "arm"), ["urdf/arm.urdf", "urdf/none"]),
+        (os.path.join("share", package_name, "models", "arm"), ["urdf/arm.urdf"]),
         ("lib/demo", ["urdf/arm.urdf"]),
         "README.md",
 """
@@ -65,6 +65,7 @@ def demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def state(demo: Path, more: str) -> None:
     (demo / "setup.py").write_text(SETUP.replace("MORE\n", more))
     _shares._data_files.cache_clear()
+    _shares._warn.cache_clear()
 
 
 def share(demo: Path) -> Path:
@@ -85,7 +86,6 @@ def test_files_are_where_an_installation_has_them_and_where_the_source_has_them(
         "params/p.yaml": "params/p.yaml",
     }
     assert {it: (found / it).read_text() for it in texts} == texts
-    assert not (found / "models/arm/none").exists()
     assert find_package("demo", demo) == demo
 
 
@@ -110,6 +110,37 @@ def test_links_follow_what_the_package_states(demo: Path) -> None:
     assert (before / "config").readlink() == demo / "config"
     assert sorted(os.listdir(before / "models")) == ["q.yaml"]
     assert sorted(os.listdir(before / "launch")) == ["a.launch.py", "arm.urdf"]
+
+
+@pytest.mark.parametrize("ups", range(1, 8))
+def test_nothing_is_written_or_removed_outside_of_the_share(
+    demo: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], ups: int
+) -> None:
+    cache = tmp_path / "cache"
+    kept = [tmp_path / "victim" / "p.yaml", tmp_path / "docs" / "own"]
+    kept += [cache / "hprm" / "other", cache / "hprm" / "shares" / "another" / "file"]
+    for it in kept:
+        it.parent.mkdir(parents=True, exist_ok=True)
+        it.write_text("precious")
+    out = "../" * ups + "victim"
+    state(demo, MORE + f'(f"share/{{package_name}}/{out}", glob("params/*.yaml")),\n')
+    found = share(demo)
+    assert found.parent.parent == cache / "hprm" / "shares"
+    assert [it.read_text() for it in kept] == ["precious"] * len(kept)
+    written = [it for it in tmp_path.rglob("p.yaml") if found not in it.parents]
+    assert sorted(written) == sorted([demo / "params" / "p.yaml", kept[0]])
+    told = capsys.readouterr().err
+    assert (f"data_files put nothing in share/demo/{out}: that is no share" in told) == (ups > 2)
+
+
+def test_files_that_are_not_there_or_not_for_a_share_are_told(
+    demo: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    state(demo, MORE + '("/etc/demo", ["README.md"]), ("share/demo/launch", ["launch/no.py"])\n')
+    assert share(demo) == share(demo)
+    told = capsys.readouterr().err
+    assert told.count("setup.py: data_files put nothing in /etc/demo: that is no share") == 1
+    assert told.count("setup.py: data_files name launch/no.py, which is no file") == 1
 
 
 @pytest.mark.parametrize(

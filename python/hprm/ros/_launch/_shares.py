@@ -95,16 +95,24 @@ def share_of(name: str, folder: Path) -> Path:
 
 
 def _placed(name: str, folder: Path) -> dict[str, Path]:
-    """Return where in the share files are that are elsewhere in the source, and where there."""
+    """Return where in the share files are that are elsewhere in the source, and where there.
+
+    What would be installed elsewhere than in the share does not concern it, wherever that is.
+    """
     placed: dict[str, Path] = {}
     for below, sources in _data_files(folder):
-        parts = Path(below).parts
+        # ``share/name/../other`` is not in the share of that name.
+        parts = Path(os.path.normpath(below)).parts
+        if parts[:1] in (("/",), ("..",)):
+            _warn(f"{folder / 'setup.py'}: data_files put nothing in {below}: that is no share")
         if parts[:2] != ("share", name):
             continue
         for source in sources:
             path = Path(os.path.normpath(folder / source))
             place = "/".join((*parts[2:], path.name))
-            if path.is_file() and folder / place != path:
+            if not path.is_file():
+                _warn(f"{folder / 'setup.py'}: data_files name {source}, which is no file")
+            elif folder / place != path:
                 placed[place] = path
     return placed
 
@@ -143,7 +151,9 @@ def _data_files(folder: Path) -> list[tuple[str, list[str]]]:
     return [(place, sources) for place, sources in told["files"]]
 
 
+@cache
 def _warn(text: str) -> None:
+    """Say it once in a process, however often the share is asked for."""
     print(f"warning: {text}", file=sys.stderr)
 
 
