@@ -176,6 +176,9 @@ def test_entry_points_name_programs(workspace: Path) -> None:
         "setup(entry_points={'console_scripts': ['talk = demo.talker:main',"
         " 'my_talk=demo.listener:main', 'bad = demo.none:main']})"
     )
+    # A module that an entry point names only defines what is called.
+    with pytest.raises(PackageError, match="has no program 'listener'"):
+        find_program("demo", "listener", workspace)
     node = node_of(workspace, 'return [Node(package="demo", executable="talk")]')
     assert (node.script.name, node.function, node.root) == ("talker.py", "main", workspace)
     (workspace / "setup.cfg").write_text(

@@ -7,6 +7,7 @@ with the folders in it, in its ``src``, and one level below that.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 from collections.abc import Iterator
@@ -117,7 +118,9 @@ def find_program(package: str, executable: str, near: Path) -> Program:
     """Return a program of a package, as seen from a file or folder.
 
     An entry point of the package's ``setup.py``, ``setup.cfg`` or ``pyproject.toml`` comes first,
-    then files in the usual folders. Raises ``PackageError`` that says where it was looked for.
+    then files in the usual folders. Where there are entry points, the modules that they name are no
+    programs themselves: run as a file, such a module does nothing, as after a typing error in the
+    name of its entry point. Raises ``PackageError`` that says where it was looked for.
     """
     own = _OWN.get((package, executable))
     if own is not None:
@@ -127,7 +130,8 @@ def find_program(package: str, executable: str, near: Path) -> Program:
     if entry is not None:
         return entry
     looked = []
-    for below in (package, *_FOLDERS):
+    modules = () if _has_entry_points(folder) else (package,)
+    for below in (*modules, *_FOLDERS):
         for name in (f"{executable}.py", executable):
             path = folder / below / name
             looked.append(str(path))
@@ -137,6 +141,15 @@ def find_program(package: str, executable: str, near: Path) -> Program:
         f"package '{package}' ({folder}) has no program '{executable}'; there is no entry point of "
         f"this name in {', '.join(_MARKS[1:])}, and no file of\n  " + "\n  ".join(looked)
     )
+
+
+def _has_entry_points(folder: Path) -> bool:
+    for file in _MARKS[1:]:
+        with contextlib.suppress(OSError, UnicodeDecodeError):
+            text = (folder / file).read_text(encoding="utf-8")
+            if "console_scripts" in text or "[project.scripts]" in text:
+                return True
+    return False
 
 
 def _entry_point(folder: Path, executable: str) -> Program | None:
