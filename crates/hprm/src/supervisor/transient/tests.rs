@@ -128,6 +128,22 @@ fn an_end_in_order_is_one_only_for_always() {
 }
 
 #[test]
+fn one_that_was_asked_to_end_by_a_signal_is_told_and_starts_again_only_for_always() {
+    for (condition, starts) in [
+        (RestartCondition::OnFailure, 0),
+        (RestartCondition::OnAbnormal, 0),
+        (RestartCondition::Always, 1),
+    ] {
+        let mut stage = running(condition);
+        stage.exits(B, FederateEnding::Signal(Signal::TERMINATE));
+        stage.rti(lost());
+        stage.pass(5_000);
+        assert_eq!(stage.started.len(), starts, "{condition:?}");
+        stage.reported_once("federate b was killed by signal 15 (SIGTERM)");
+    }
+}
+
+#[test]
 fn the_end_of_the_federation_starts_nothing() {
     let mut stage = running(RestartCondition::Always);
     stage.exits(B, DONE);
