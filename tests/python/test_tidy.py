@@ -23,6 +23,7 @@ UNSAFE_ROOMS = {
     "crates/hprm-store/src/shm/mapping.rs",
     "crates/hprm-store/src/shm/published.rs",
     "crates/hprm-store/src/shm/segment.rs",
+    "crates/hprm-store/src/shm/streaming.rs",
     "crates/hprm-store/src/shm/view.rs",
     "crates/hprm-store/src/shm/words.rs",
     "crates/hprm-python/src/buffer.rs",

@@ -161,8 +161,9 @@ def test_a_federation_that_runs_is_shown_with_its_rates(bench: Bench, coordinati
     bench.pid("planner")
 
     def has_rates(seen: Watched) -> bool:
-        """Whether the motor, which is the last to begin, had begun before the first look."""
-        return all(it["messages_per_second"] for it in seen.object["connections"][:2])
+        """Whether the motor, which is the last to begin, had begun some tags before the first look."""
+        connections = seen.object["connections"][:2]
+        return all(it["messages"] > 4 and it["messages_per_second"] > 1 for it in connections)
 
     seen = see(bench, run.pid, has_rates, interval=1)
     assert seen.object["coordination"] == coordination
@@ -176,8 +177,7 @@ def test_a_federation_that_runs_is_shown_with_its_rates(bench: Bench, coordinati
     assert (first["from"], first["to"]) == ("Main.camera.out", "Main.planner.inp")
     assert (second["from_federate"], second["to_federate"]) == ("planner", "motor")
     for connection in (first, second):
-        assert connection["messages"] > 4
-        assert 1 < connection["messages_per_second"] < 1000
+        assert connection["messages_per_second"] < 1000
         assert connection["bytes"] >= connection["messages"]
     text = top(bench, str(run.pid))
     assert "Main: 3 federates" in text
