@@ -161,7 +161,7 @@ def test_a_federation_that_runs_is_shown_with_its_rates(bench: Bench, coordinati
     bench.pid("planner")
 
     def has_rates(seen: Watched) -> bool:
-        """Whether the motor, which is the last to begin, had begun some tags before the first look."""
+        """Whether the motor, which is the last to begin, had begun before the first look."""
         connections = seen.object["connections"][:2]
         return all(it["messages"] > 4 and it["messages_per_second"] > 1 for it in connections)
 
