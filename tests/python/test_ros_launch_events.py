@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import signal
+import threading
+import time
 from pathlib import Path
 
 import pytest
 from processes import Bench, Outcome, finish, hear
+
+from hprm.ros._functions import Functions, Late
 
 HEAD = """
 import sys
@@ -348,6 +352,18 @@ return LaunchDescription([
 """,
         "a.launch.py:22: ZeroDivisionError: division by zero",
     ),
+    "ends the interpreter": (
+        """
+def ended(event, context):
+    raise SystemExit(7)
+
+
+return LaunchDescription([
+    base, short, RegisterEventHandler(OnProcessExit(target_action=short, on_exit=ended)),
+])
+""",
+        "a.launch.py:21: SystemExit: 7",
+    ),
     "no entity": (
         """
 return LaunchDescription([
@@ -441,3 +457,116 @@ def test_what_goes_wrong_in_a_handler_is_one_error_and_ends_the_launch(launch, w
     errors = [it for it in outcome.err.splitlines() if it.startswith("error: ")]
     assert len(errors) == 1 and errors[0].endswith(said), outcome.err
     assert "hprm/ros/" not in outcome.err
+
+
+# A signal comes in the middle of the start of a process: neither before nor when it runs.
+STARTS = """
+import os
+import signal
+import subprocess
+
+
+class Popen(subprocess.Popen):
+    def __init__(self, *args, **kwargs):
+        os.kill(os.getpid(), signal.{name})
+        super().__init__(*args, **kwargs)
+
+
+def ended(event, context):
+    subprocess.Popen = Popen
+    return [sh("true")]
+
+
+return LaunchDescription([
+    sh("exec sleep 60", name="stays"), base, short,
+    RegisterEventHandler(OnProcessExit(target_action=short, on_exit=ended)),
+])
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
+def test_a_signal_while_a_handler_starts_a_process_ends_the_launch(launch, name: str) -> None:
+    outcome = launch(STARTS.format(name=name))
+    assert outcome.code == 128 + getattr(signal, name)
+    assert "hprm/ros/" not in outcome.err
+
+
+WAITS = """
+import threading
+
+
+def ended(event, context):
+    print("waits", flush=True)
+    threading.Event().wait()
+
+
+return LaunchDescription([
+    base, short, RegisterEventHandler(OnProcessExit(target_action=short, on_exit=ended)),
+    RegisterEventHandler(OnShutdown(on_shutdown=[LogInfo(msg="bye")])),
+])
+"""
+
+
+def test_a_signal_interrupts_a_function_of_a_handler(launch) -> None:
+    outcome = launch(WAITS, end="waits\n")
+    assert (outcome.code, outcome.err) == (130, "")
+    assert "bye" in outcome.out.splitlines()
+
+
+def test_a_function_of_a_handler_ends_when_the_launch_has_to() -> None:
+    functions = Functions()
+
+    def signalled(number: int, frame: object) -> None:
+        assert not functions.note(number)
+        functions.interrupt()
+
+    before = signal.signal(signal.SIGINT, signalled)
+    try:
+        functions.until = time.monotonic()
+        with pytest.raises(Late):
+            functions.call(threading.Event().wait)
+        functions.until = time.monotonic() + 60
+        assert functions.call(lambda it: it, 1) == 1
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+# The function returns when all lines are printed, which are more than the pipe and the coordinator
+# keep.
+PRINTS = """
+import os
+
+os.mkfifo("done")
+
+
+def printed(event):
+    if event.text == b"1\\n":
+        open("done").read()
+
+
+prints = sh("seq 20000 && echo > done", name="prints")
+return LaunchDescription([
+    prints, RegisterEventHandler(OnProcessIO(target_action=prints, on_stdout=printed)),
+])
+"""
+
+
+def test_what_processes_print_goes_on_while_a_function_runs(launch) -> None:
+    outcome = launch(PRINTS)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.out.splitlines()[-1] == "[prints-1] 20000"
+
+
+ENDS = """
+return LaunchDescription([
+    short, RegisterEventHandler(OnProcessStart(
+        target_action=lambda it: it is short, on_start=lambda event, context: Shutdown()
+    )),
+    sh("echo starts", name="last"),
+])
+"""
+
+
+def test_nothing_starts_when_the_first_process_has_ended_the_launch(launch) -> None:
+    outcome = launch(ENDS)
+    assert (outcome.code, outcome.out, outcome.err) == (0, "", "")

@@ -7,6 +7,7 @@ the scripts, and their ends.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import secrets
@@ -23,6 +24,7 @@ from typing import IO, TYPE_CHECKING, Any
 from hprm import _hprm
 from hprm._declared import Declared
 from hprm.ros._federation import Scripts
+from hprm.ros._functions import Functions
 from hprm.ros._graph import Graph, Script, identifier, mismatches
 from hprm.ros._lines import write_line
 from hprm.ros._meeting import properties, run_member
@@ -74,7 +76,7 @@ class Coordinator:
         is_fast: bool = False,
         following: Following | None = None,
     ) -> None:
-        """Start the scripts, and let there be a bridge between their hub and nodes elsewhere."""
+        """Take the scripts, and let there be a bridge between their hub and nodes elsewhere."""
         self._bridge = bridge
         self._is_fast = is_fast
         self._logical_trace = logical_trace
@@ -108,15 +110,14 @@ class Coordinator:
         self._wakeup.setblocking(False)
         self._selector.register(self._wakes, selectors.EVENT_READ)
         self.members: list[Member] = []
-        first = [self._add(plan) for plan in plans]
+        self._first = [self._add(plan) for plan in plans]
         if following is not None:
             # All that begins at another time than the others reads the clock.
             spares = [SPARE] * SPARES if following.calls and not is_fast else []
             for plan in (*following.later, *spares):
                 self._add(plan)
         self._readers: list[threading.Thread] = []
-        for member in first:
-            self._start(member)
+        self._functions = Functions() if following is None else following.functions
 
     def _add(self, plan: Plan) -> Member:
         member = Member(identifier(plan.name, self._taken), plan)
@@ -124,7 +125,11 @@ class Coordinator:
         return member
 
     def _start(self, member: Member) -> None:
-        """Start a process, for the first time or again."""
+        """Start a process, for the first time or again, unless the launch ends."""
+        if self._functions.came or self._signals or self._is_over or self._is_refused:
+            # That has come in between.
+            member.code = 0
+            return
         if member.is_started:
             member.lives += 1
             member.start()
@@ -157,12 +162,15 @@ class Coordinator:
             for number in (signal.SIGINT, signal.SIGTERM)
         }
         try:
+            for member in self._first:
+                self._start(member)
             while any(it.code is None for it in self.members):
                 dues = [due for due, _ in self._due]
                 limits = [it for it in (self._until, self._slow_at, *dues) if it is not None]
                 left = max(min(limits) - time.monotonic(), 0) if limits else None
                 for key, _ in self._selector.select(left):
                     self._read(key.data)
+                self._note_signals()
                 self._note_printed()
                 for member in self.members:
                     if member.ending is not None and member.code is None:
@@ -172,10 +180,14 @@ class Coordinator:
                     self._tell_end()
                 self._answer()
                 self._look_at_clock()
+            self._note_signals()
             self._tell_end()
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+            self._note_signals()
+            # Nothing is left after an error of the coordinator.
+            self._send(signal.SIGKILL)
             if self._rti is not None:
                 self._end(self._rti)
             for reader in self._readers:
@@ -191,13 +203,13 @@ class Coordinator:
                 if member.code is None:
                     text = f"has not ended for {PATIENCE_S:g} s, so it is killed"
                     _tell_of(member, f"process {text} [pid {member.process.pid}]")
+            self._printed.clear()
+            self._functions.until = now + PATIENCE_S
             self._send(signal.SIGKILL)
         for due, member in [it for it in self._due if now >= it[0]]:
-            self._due.remove((due, member))
-            if self._signals or self._is_over:
-                # That has come in between.
-                member.code = 0
-            else:
+            # What another one starts may end the launch.
+            if (due, member) in self._due:
+                self._due.remove((due, member))
                 self._start(member)
         if self._slow_at is not None and now >= self._slow_at:
             self._slow_at = None
@@ -374,7 +386,7 @@ class Coordinator:
             for reader in readers:
                 reader.join(LINES_S)
         member.ending = ending
-        self._wakeup.send(b"\0")
+        self._wake()
 
     def _note_end(self, member: Member, ending: int) -> None:
         """Note how a process has ended, and what follows for the others."""
@@ -412,7 +424,7 @@ class Coordinator:
     def _take_event(self, kind: str, name: str, text: str, seconds: float) -> None:
         """Keep what the RTI tells in its thread."""
         self._told.append((kind, name, text, seconds))
-        self._wakeup.send(b"\0")
+        self._wake()
 
     def _note_events(self) -> None:
         """Tell what the RTI has told of federates, as far as no process does."""
@@ -448,13 +460,27 @@ class Coordinator:
                 write_line(f"error: {member.label} {WITHOUT_LEAVING}", sys.stderr)
 
     def _signalled(self, number: int, _frame: object) -> None:
-        first = self._signals == 0
-        self._signals = number
-        self._stop(signal.Signals(number) if first else signal.SIGKILL)
-        self._wakeup.send(b"\0")
+        """Note a signal: this may run in the middle of anything."""
+        if self._functions.note(number):
+            self._wake()
+        self._functions.interrupt()
+
+    def _note_signals(self) -> None:
+        """Pass on the first signal; the next one ends all at once."""
+        while self._functions.came:
+            number = self._functions.came.popleft()
+            first = self._signals == 0
+            self._signals = number
+            self._stop(signal.Signals(number) if first else signal.SIGKILL)
+
+    def _wake(self) -> None:
+        """Have the coordinator look at what has happened, from another thread or a signal."""
+        # If there is no room, it is being woken.
+        with contextlib.suppress(BlockingIOError):
+            self._wakeup.send(b"\0")
 
     def _stop(self, number: signal.Signals) -> None:
-        self._until = time.monotonic() + PATIENCE_S
+        self._until = self._functions.until = time.monotonic() + PATIENCE_S
         # What waits to come back does not.
         for _, member in self._due:
             member.code = 0
@@ -463,7 +489,7 @@ class Coordinator:
 
     def _send(self, number: signal.Signals) -> None:
         for member in self.members:
-            if member.code is None:
+            if member.is_started and member.ending is None and member.code is None:
                 member.process.send_signal(number)
 
     # What follows of that, in a launch.
@@ -499,8 +525,13 @@ class Coordinator:
 
     def _note_printed(self) -> None:
         """Find out what follows of lines that were printed."""
-        while self._printed and self._following is not None:
+        while self._printed and self._following is not None and not self._is_urgent():
             self._follow(self._following.printed(*self._printed.popleft()))
+
+    def _is_urgent(self) -> bool:
+        """Whether a signal has come, or processes are to be killed by now."""
+        is_late = self._until is not None and time.monotonic() >= self._until
+        return is_late or bool(self._functions.came)
 
     def _tell_end(self) -> None:
         """Find out, once, what follows of the end of the launch."""
@@ -519,7 +550,7 @@ class Coordinator:
         for line in stream:
             if self._following is not None and self._following.looks_at_output:
                 self._printed.append((member, line, descriptor))
-                self._wakeup.send(b"\0")
+                self._wake()
             text = line.decode(errors="replace").rstrip("\n")
             if self._is_refused:
                 continue

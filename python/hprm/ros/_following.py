@@ -8,9 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from hprm.ros._functions import Functions, Interrupted, Late
 from hprm.ros._launch._evaluate import note_exits
 from hprm.ros._launch._plans import LaunchError, LaunchPlan, NodePlan, ProcessPlan
-from hprm.ros._launch._reactions import Kind
+from hprm.ros._launch._reactions import Kind, Reaction
 from hprm.ros._launch.events import ExecutionComplete, Shutdown
 from hprm.ros._launch.events.process import ProcessExited, ProcessIO, ProcessStarted
 from hprm.ros._members import Member, Plan
@@ -32,6 +33,8 @@ class Answer:
     ends: bool = False
     #: What is wrong, so that the launch ends.
     wrong: str | None = None
+    #: Whether a signal has come, so that no more functions are called for this.
+    is_interrupted: bool = False
 
 
 class Following:
@@ -54,6 +57,8 @@ class Following:
     def __init__(self, launch: LaunchPlan, make: Callable[[Stated], Plan]) -> None:
         """Make the plans of what is known before."""
         self._launch, self._make = launch, make
+        #: Calls all functions of the launch file.
+        self.functions = Functions()
         self._stated: dict[int, Stated] = {}
         self._made: dict[int, Plan] = {}
         #: The actions that have started their processes, and where handlers start what.
@@ -104,7 +109,8 @@ class Following:
             member,
             lambda action: ProcessExited(returncode=code, **_facts(member, action)),
         )
-        if answer.wrong is None and not member.may_respawn():
+        is_over = answer.wrong is not None or answer.is_interrupted
+        if not is_over and not member.may_respawn():
             complete = self._answer(
                 "complete", member, lambda action: ExecutionComplete(action=action)
             )
@@ -127,7 +133,7 @@ class Following:
         event = Shutdown(reason=reason, due_to_sigint=by_signal)
         answer = Answer()
         for reaction in list(self._launch.reactions):
-            if reaction.kind == "shutdown" and not reaction.is_over:
+            if reaction.kind == "shutdown" and not (reaction.is_over or answer.is_interrupted):
                 reaction.is_over = True
                 self._add(answer, reaction, event)
         return answer
@@ -156,12 +162,14 @@ class Following:
         stated = self._stated.get(id(member.plan))
         actions = [action for action, it in self._launch.started if it is stated]
         for reaction in list(self._launch.reactions):
-            if reaction.kind != kind or reaction.is_over or answer.wrong is not None:
+            if answer.wrong is not None or answer.is_interrupted:
+                break
+            if reaction.kind != kind or reaction.is_over:
                 continue
             try:
-                found = next((it for it in actions if reaction.counts(it)), None)
-            except Exception as error:
-                answer.wrong = _told(error, reaction.place)
+                found = self.functions.call(_counted, reaction, actions)
+            except BaseException as error:
+                _note(answer, error, reaction.place)
                 continue
             if found is not None:
                 reaction.is_over = reaction.once
@@ -171,7 +179,7 @@ class Following:
     def _add(self, answer: Answer, reaction: Any, event: Any) -> None:
         known = len(self._launch.started)
         try:
-            follows = reaction.answer(event)
+            follows = self.functions.call(reaction.answer, event)
             for action, stated in self._launch.started[known:]:
                 note_exits(self._launch, action, stated)
             for it in follows.processes:
@@ -180,8 +188,8 @@ class Following:
                 answer.starts.append((made, it.delay))
             if follows.processes and reaction.kind == "shutdown":
                 raise LaunchError("nothing starts in OnShutdown, as in ROS 2: the launch ends")
-        except Exception as error:
-            answer.wrong = _told(error, reaction.place)
+        except BaseException as error:
+            _note(answer, error, reaction.place)
             return
         answer.says += follows.messages
         answer.ends |= follows.ends
@@ -205,7 +213,23 @@ def _facts(member: Member, action: Any) -> dict[str, Any]:
     }
 
 
-def _told(error: Exception, place: str) -> str:
+def _counted(reaction: Reaction, actions: list[Any]) -> Any:
+    """Return the first action of which something counts for a handler, if there is one."""
+    return next((it for it in actions if reaction.counts(it)), None)
+
+
+def _note(answer: Answer, error: BaseException, place: str) -> None:
+    """Note why a function of a launch file has not done its work."""
+    if isinstance(error, Late):
+        answer.wrong = f"{place}: its function goes on when the launch should have ended"
+    elif isinstance(error, Interrupted):
+        answer.is_interrupted = True
+    else:
+        # Also what is no `Exception`: only the launch file itself may end the interpreter.
+        answer.wrong = _told(error, place)
+
+
+def _told(error: BaseException, place: str) -> str:
     """Tell what is wrong in a function of a launch file, and where."""
     if isinstance(error, LaunchError):
         return str(error) if place in str(error) else f"{place}: {error}"

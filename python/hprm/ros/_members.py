@@ -103,7 +103,6 @@ class Member:
         """Start its process, perhaps again."""
         plan = self.plan
         self._tell_nothing()
-        self.ending = self.code = None
         self.connection, theirs = socket.socketpair()
         environment = os.environ | plan.environment | {COORDINATOR: str(theirs.fileno())}
         parent = os.getpid()
@@ -119,6 +118,7 @@ class Member:
                 start_new_session=True,
                 preexec_fn=lambda: _prepare(plan, parent),
             )
+        self.ending = self.code = None
         self._rest = b""
 
     def may_respawn(self) -> bool:
