@@ -21,7 +21,9 @@ def ended(event, context):
 
 def generate_launch_description():
     robot = LaunchConfiguration("robot")
-    node = Node(package="demo", executable=[robot, "_driver"])
+    node = Node(
+        package="demo", executable=[robot, "_driver"], name="driver", arguments=["-v", "--ros-args"]
+    )
     paths = ["ls", [PathJoinSubstitution([robot, "x"]), "y"]]
     return LaunchDescription([
         DeclareLaunchArgument("robot"),
@@ -46,8 +48,9 @@ SHOWN = """\
 ├── LogInfo('starts ' + LaunchConfiguration('robot'))
 ├── Action('<launch.actions.GroupAction>')
 │   ├── Action('<launch_ros.actions.PushROSNamespace>')
-│   └── Action('<launch_ros.actions.Node package='demo' executable=LaunchConfiguration('robot') \
-+ '_driver'>')
+│   └── ExecuteProcess(cmd=[ExecInPkg(pkg='demo', exec=LaunchConfiguration('robot') \
++ '_driver'), '-v', '--ros-args', '--ros-args', '-r', LocalVar('node name')], cwd=None, env=None, \
+shell=False)
 ├── <launch.LaunchDescription>
 │   └── ExecuteProcess(cmd=['ls', PathJoinSubstitution(LaunchConfiguration('robot'), 'x') + 'y'], \
 cwd=''/tmp'', env={'A': LaunchConfiguration('robot')}, shell=True)
@@ -86,7 +89,8 @@ XML = """\
 SHOWN_XML = """\
 <launch.LaunchDescription>
 ├── Action('<launch.actions.DeclareLaunchArgument name='rate'>')
-└── Action('<launch_ros.actions.Node package='demo' executable='talker' name='one'>')
+└── ExecuteProcess(cmd=[ExecInPkg(pkg='demo', exec='talker'), '--ros-args', '-r', \
+LocalVar('node name')], cwd=None, env=None, shell=False)
 """
 
 

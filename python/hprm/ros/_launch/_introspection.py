@@ -60,7 +60,7 @@ def _entity(entity: Any) -> _Branch:
         return _Branch(f"LogInfo({described(entity.msg)})")
     if isinstance(entity, Shutdown):
         return _Branch("EmitEvent(event='launch.events.Shutdown')")
-    if type(entity) is ExecuteProcess:
+    if isinstance(entity, ExecuteProcess):
         return _Branch(_process(entity))
     if isinstance(entity, RegisterEventHandler):
         handler = entity.event_handler

@@ -13,6 +13,7 @@ from hprm.ros._launch._entities import (
     LaunchContext,
     Pair,
     SomeText,
+    Substitution,
     flag,
     named,
     perform,
@@ -21,6 +22,14 @@ from hprm.ros._launch._packages import Program, find_program
 from hprm.ros._launch._plans import LaunchError, NodePlan, Parameters
 from hprm.ros._launch.actions import ExecuteProcess, TimerAction
 from hprm.ros._launch_ros.parameter_descriptions import ParameterFile, evaluated, value_of
+from hprm.ros._launch_ros.substitutions import ExecutableInPackage
+
+
+class _NodeName(Substitution):
+    """Stands for a node's name, which is known when it starts, in a description."""
+
+    def describe(self) -> str:
+        return "LocalVar('node name')"
 
 
 class Node(ExecuteProcess):
@@ -66,13 +75,18 @@ class Node(ExecuteProcess):
         **kwargs: Any,
     ) -> None:
         """Take what is stated."""
-        super().__init__(cmd=[], **kwargs)
+        # As `launch_ros` has it, for descriptions.
+        arguments, ros_arguments = list(arguments or ()), list(ros_arguments or ())
+        cmd = [executable if package is None else ExecutableInPackage(executable, package)]
+        cmd += arguments
+        cmd += ["--ros-args", *ros_arguments] if ros_arguments else []
+        cmd += ["--ros-args"] if name is None else ["--ros-args", "-r", _NodeName()]
+        super().__init__(cmd=cmd, **kwargs)
         self._executable, self._package = executable, package
         self._node_name, self._namespace = name, namespace
         self._parameters = [] if parameters is None else parameters
         self._remappings = list(remappings or ())
-        self._ros_arguments = list(ros_arguments or ())
-        self._arguments = list(arguments or ())
+        self._ros_arguments, self._arguments = ros_arguments, arguments
 
     def describe(self) -> str:
         """Return what it is, with what it starts."""

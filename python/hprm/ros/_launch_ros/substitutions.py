@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from hprm.ros._launch._entities import LaunchContext, SomeText, Substitution, normalized, perform
+from hprm.ros._launch._entities import (
+    LaunchContext,
+    SomeText,
+    Substitution,
+    described,
+    normalized,
+    perform,
+)
 from hprm.ros._launch._packages import find_package, find_program, find_share
 from hprm.ros._launch.substitutions import PathJoinSubstitution, SubstitutionFailure
 
@@ -43,6 +50,10 @@ class ExecutableInPackage(Substitution):
     def __init__(self, executable: SomeText, package: SomeText) -> None:
         """Take program and package."""
         self.executable, self.package = normalized(executable), normalized(package)
+
+    def describe(self) -> str:
+        """Return what it is, as ``launch_ros`` does."""
+        return f"ExecInPkg(pkg={described(self.package)}, exec={described(self.executable)})"
 
     def perform(self, context: LaunchContext) -> str:
         """Return the path; raise ``PackageError`` if there is none."""
