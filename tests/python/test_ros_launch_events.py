@@ -373,6 +373,17 @@ return LaunchDescription([
 """,
         "a.launch.py:22: 3 is no action and no launch description",
     ),
+    "without an end": (
+        """
+def started(event, context):
+    return [sh("exec sleep 60", name="more")]
+
+
+return LaunchDescription([short, RegisterEventHandler(OnProcessStart(on_start=started))])
+""",
+        "a.launch.py:24: more is not started: functions of handlers start at most 64 processes that"
+        " run at once",
+    ),
     "matches nothing": (
         """
 return LaunchDescription([
@@ -392,7 +403,8 @@ return LaunchDescription([
     ])),
 ])
 """,
-        "late.py is not started: functions of handlers start at most 8 nodes once the others run",
+        "a.launch.py:23: late.py is not started: functions of handlers start at most 8 nodes once"
+        " the others run",
     ),
     "shutdown": (
         """

@@ -50,6 +50,13 @@ LINES_S = 1.0
 SPARES = 8
 SPARE = Plan("later", ())
 
+#: How many processes that functions of a launch file start may run at once, or wait to do so.
+AT_ONCE = 64
+_TOO_MANY = (
+    f"functions of handlers start at most {AT_ONCE} processes that run at once\n"
+    "  hint: a handler without target_action counts for the processes of its own function, too"
+)
+
 # Why a node cannot be started by a function, without and with `--fast`.
 _NO_PLACE = (
     f"functions of handlers start at most {SPARES} nodes once the others run\n"
@@ -89,6 +96,8 @@ class Coordinator:
         self._has_told_end = False
         #: Whether an error of a handler was told, after which others may follow from that.
         self._is_wrong = False
+        #: What functions of handlers have started, as far as it runs.
+        self._called: list[Member] = []
         self._rti: _hprm.LocalRti | None = None
         self._selector = selectors.DefaultSelector()
         self._signals = 0
@@ -398,7 +407,7 @@ class Coordinator:
         member.code = 128 - ending if ending < 0 else ending
         is_expected = self._signals or self._is_refused
         comes_back = member.may_respawn() and not (is_expected or self._is_over)
-        if member.code and not member.is_stranded and not is_expected:
+        if member.code and not (member.is_stranded or is_expected or self._is_wrong):
             if not comes_back:
                 self._failed = self._failed or member.code
             command = " ".join(map(str, member.process.args))  # type: ignore[arg-type]
@@ -445,9 +454,9 @@ class Coordinator:
                 write_line(f"warning: {label} has not answered {after}", sys.stderr)
             elif kind == "answers":
                 write_line(f"{label} answers again, after {seconds:.1f} s", sys.stderr)
-            elif kind == "refused":
+            elif kind == "refused" and not (self._signals or self._is_over):
                 write_line(f"error: {label} cannot take part: {text}", sys.stderr)
-            elif name not in labels:
+            elif kind != "refused" and name not in labels:
                 # A script says itself why it has failed.
                 write_line(text, sys.stderr)
         if self._signals or self._is_over:
@@ -498,9 +507,9 @@ class Coordinator:
         """Say, start and end what follows of something."""
         for text in answer.says:
             write_line(text, sys.stdout)
-        for plan, seconds in answer.starts:
+        for plan, seconds, where in answer.starts:
             if not (self._signals or self._is_over or self._is_refused or answer.wrong):
-                self._start_later(plan, seconds, answer)
+                self._start_later(plan, seconds, where, answer)
         if answer.wrong is not None and not self._is_wrong:
             self._is_wrong = True
             write_line(f"error: {answer.wrong}", sys.stderr)
@@ -509,18 +518,29 @@ class Coordinator:
             self._is_over = True
             self._stop(signal.SIGINT)
 
-    def _start_later(self, plan: Plan, seconds: float, answer: Answer) -> None:
-        """Start a process after some seconds; tell in the answer if there is no place for it."""
+    def _start_later(self, plan: Plan, seconds: float, where: str | None, answer: Answer) -> None:
+        """Start a process after some seconds; tell in the answer if there is no place for it.
+
+        A function of the handler that is stated asks for it, if one is.
+        """
+        if where is not None:
+            self._called = [it for it in self._called if it.code is None]
+            if len(self._called) >= AT_ONCE:
+                answer.wrong = f"{where}: {plan.name} is not started: {_TOO_MANY}"
+                return
         free = [it for it in self.members if not it.is_started and it.code == 0]
         member = next((it for it in free if it.plan is plan), None)
         if member is None and plan.is_member and (self._is_fast or self._graph is not None):
             member = next((it for it in free if it.plan is SPARE), None)
             if member is None:
-                answer.wrong = f"{plan.name} is not started: {_NO_PLACE[self._is_fast]}"
+                before = "" if where is None else f"{where}: "
+                answer.wrong = f"{before}{plan.name} is not started: {_NO_PLACE[self._is_fast]}"
                 return
             member.plan = plan
         member = member or self._add(plan)
         member.code, member.is_transient = None, True
+        if where is not None:
+            self._called.append(member)
         self._due.append((time.monotonic() + seconds, member))
 
     def _note_printed(self) -> None:

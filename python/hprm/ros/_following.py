@@ -27,8 +27,8 @@ class Answer:
 
     #: What is said.
     says: list[str] = field(default_factory=list)
-    #: What is started, and after how many seconds.
-    starts: list[tuple[Plan, float]] = field(default_factory=list)
+    #: What is started, after how many seconds, and where the handler is whose function says so.
+    starts: list[tuple[Plan, float, str | None]] = field(default_factory=list)
     #: Whether the launch ends.
     ends: bool = False
     #: What is wrong, so that the launch ends.
@@ -185,7 +185,8 @@ class Following:
             for it in follows.processes:
                 self._begin(it, reaction.place)
                 made = self._made.get(id(it)) or self._plan(it)
-                answer.starts.append((made, it.delay))
+                where = reaction.place if reaction.plan is None else None
+                answer.starts.append((made, it.delay, where))
             if follows.processes and reaction.kind == "shutdown":
                 raise LaunchError("nothing starts in OnShutdown, as in ROS 2: the launch ends")
         except BaseException as error:
