@@ -322,6 +322,42 @@ return LaunchDescription([base, dies, exits])
 SECOND = (
     "RegisterEventHandler(OnProcessExit(target_action=lambda it: it is not base, on_exit=[it]))"
 )
+# In the launch file itself, so that nothing starts: what is registered, and the error.
+NO_HANDLERS = {
+    "RegisterEventHandler(base)": "RegisterEventHandler takes a handler such as OnProcessExit, not"
+    " <launch_ros.actions.Node>",
+    "RegisterEventHandler(OnProcessStart(on_start=[3]))": "3 is no action and no launch"
+    " description",
+    "RegisterEventHandler(OnShutdown(on_shutdown=launch.events.Shutdown()))": "<launch.events"
+    ".Shutdown> is no action and no launch description",
+    "RegisterEventHandler(OnShutdown(on_shutdown='text'))": "'text' is no action and no launch"
+    " description",
+    "RegisterEventHandler(OnProcessIO(on_stdout=[3]))": "OnProcessIO calls functions, not [3]",
+    "RegisterEventHandler(OnShutdown(on_shutdown=[GroupAction([object()])]))": "<object object> is"
+    " no action and no launch description",
+    "sh('true', on_exit=[launch.events.Shutdown()])": "<launch.events.Shutdown> is no action and no"
+    " launch description",
+    "EmitEvent(event=object())": "EmitEvent of <object object> is not supported: only of"
+    " Shutdown()",
+}
+
+
+@pytest.mark.parametrize("action", NO_HANDLERS)
+def test_what_is_no_handler_or_no_action_is_an_error_with_its_line(launch, action: str) -> None:
+    line = 14 if action.startswith("sh(") else 20
+    outcome = launch(f"return LaunchDescription([base, {action}])")
+    assert (outcome.code, outcome.out) == (1, "")
+    (error,) = outcome.err.splitlines()
+    assert error.endswith(f"/a.launch.py:{line}: {NO_HANDLERS[action]}")
+
+
+def test_what_is_no_handler_is_an_error_in_a_description(launch) -> None:
+    actions = "return LaunchDescription([base, RegisterEventHandler(base)])"
+    outcome = launch(actions, "--print-description")
+    assert (outcome.code, outcome.out) == (1, "")
+    assert "a.launch.py:20: RegisterEventHandler takes a handler" in outcome.err
+
+
 WRONG = {
     "once more": (
         f"""
@@ -372,6 +408,28 @@ return LaunchDescription([
 ])
 """,
         "a.launch.py:22: 3 is no action and no launch description",
+    ),
+    "a text": (
+        """
+return LaunchDescription([
+    base, short,
+    RegisterEventHandler(OnProcessExit(target_action=short, on_exit=lambda event, context: "it")),
+])
+""",
+        "a.launch.py:22: 'it' is no action and no launch description",
+    ),
+    "a coroutine": (
+        """
+async def ended(event, context):
+    return []
+
+
+return LaunchDescription([
+    base, short,
+    RegisterEventHandler(OnProcessExit(target_action=short, on_exit=ended)),
+])
+""",
+        "a.launch.py:26: its function is a coroutine, which is not supported",
     ),
     "without an end": (
         """

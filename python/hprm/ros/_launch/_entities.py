@@ -7,6 +7,7 @@ and what groups and includes add. It ends in a plan; nothing is started here.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import copy
@@ -77,6 +78,23 @@ def named(it: object, **facts: Any) -> str:
     module = ".".join(part for part in module.split(".") if not part.startswith("_"))
     stated = [f" {name}={described(text)}" for name, text in facts.items() if text is not None]
     return f"<{module}.{type(it).__name__}{''.join(stated)}>"
+
+
+def shown(it: object) -> str:
+    """Return what something is that is not what it should be, without addresses."""
+    if type(it).__module__.startswith("hprm.ros._"):
+        return named(it)
+    return re.sub(r" at 0x[0-9a-f]+", "", repr(it))
+
+
+def checked(entities: Iterable[Any], where: str = "") -> list[Any]:
+    """Return entities as a list; raise ``LaunchError``, which says where, if one is none."""
+    several = list(entities)
+    for entity in several:
+        if not isinstance(entity, LaunchDescriptionEntity):
+            place = f"{where}: " if where else ""
+            raise LaunchError(f"{place}{shown(entity)} is no action and no launch description")
+    return several
 
 
 def truth(text: str, what: str = "a condition") -> bool:
@@ -177,8 +195,7 @@ class LaunchDescription(LaunchDescriptionEntity):
 
 def visit(entity: Any, context: LaunchContext) -> None:
     """Visit an entity; raise ``LaunchError`` if it is none."""
-    if not isinstance(entity, LaunchDescriptionEntity):
-        raise LaunchError(f"{entity!r} is no action and no launch description")
+    checked([entity])
     entity.visit(context)
 
 

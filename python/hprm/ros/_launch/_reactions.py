@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Coroutine, Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from hprm.ros._launch._entities import LaunchContext, visit
+from hprm.ros._launch._entities import LaunchContext, shown, visit
 from hprm.ros._launch._plans import LaunchError, LaunchPlan
 from hprm.ros._launch.launch_description_sources import being_read
 
@@ -69,6 +69,9 @@ def calling(
     def answer(event: Any) -> LaunchPlan:
         with being_read(own.file):
             returned = function(event, own) if takes_context else function(event)
+        if isinstance(returned, Coroutine):
+            returned.close()
+            raise LaunchError("its function is a coroutine, which is not supported")
         return visited(own, listed(returned))
 
     return answer
@@ -78,7 +81,8 @@ def listed(entities: Any) -> list[Any]:
     """Return a list of what may be none, one entity or several ones."""
     if entities is None:
         return []
-    return list(entities) if isinstance(entities, Iterable) else [entities]
+    is_one = isinstance(entities, str | bytes | Mapping) or not isinstance(entities, Iterable)
+    return [entities] if is_one else list(entities)
 
 
 def matcher(target: Any, is_action: Callable[[Any], bool], where: str) -> Callable[[Any], bool]:
@@ -90,5 +94,5 @@ def matcher(target: Any, is_action: Callable[[Any], bool], where: str) -> Callab
     if callable(target):
         return lambda action: bool(target(action))
     raise LaunchError(
-        f"{where}: {target!r} is neither an action that starts a process nor a function"
+        f"{where}: {shown(target)} is neither an action that starts a process nor a function"
     )

@@ -15,15 +15,17 @@ from hprm.ros._launch._entities import (
     LaunchDescriptionEntity,
     Pair,
     SomeText,
+    checked,
     flag,
     named,
     normalized,
     number,
     perform,
+    shown,
     visit,
 )
 from hprm.ros._launch._plans import ArgumentPlan, LaunchError, NodePlan, ProcessPlan, Respawn
-from hprm.ros._launch._reactions import place
+from hprm.ros._launch._reactions import listed, place
 from hprm.ros._launch.event_handlers import EventHandler, OnProcessExit
 from hprm.ros._launch.events import Shutdown as _ShutdownEvent
 from hprm.ros._launch.launch_description_sources import (
@@ -342,7 +344,9 @@ class EmitEvent(Shutdown):
     def __init__(self, *, event: Any, condition: Condition | None = None) -> None:
         """Take the event."""
         if not isinstance(event, _ShutdownEvent):
-            raise LaunchError(f"EmitEvent of {event!r} is not supported: only of Shutdown()")
+            raise LaunchError(
+                f"{place()}: EmitEvent of {shown(event)} is not supported: only of Shutdown()"
+            )
         super().__init__(reason=event.reason, condition=condition)
 
 
@@ -352,11 +356,22 @@ class RegisterEventHandler(Action):
     def __init__(self, event_handler: EventHandler, *, condition: Condition | None = None) -> None:
         """Take the handler."""
         super().__init__(condition=condition)
+        if not isinstance(event_handler, EventHandler):
+            raise LaunchError(
+                f"{place()}: RegisterEventHandler takes a handler such as OnProcessExit, not"
+                f" {shown(event_handler)}"
+            )
         self.event_handler = event_handler
 
     def execute(self, context: LaunchContext) -> None:
         """Add to the plan what the handler asks for."""
-        self.event_handler.register(context)
+        try:
+            self.event_handler.register(context)
+        except LaunchError as error:
+            where, text = self.event_handler.place, str(error)
+            if where.rpartition(":")[0] in text:
+                raise
+            raise type(error)(f"{where}: {text}") from None
 
 
 class ExecuteProcess(Action):
@@ -396,6 +411,8 @@ class ExecuteProcess(Action):
         self._prefix = options.pop("prefix", None)
         self._on_exit = options.pop("on_exit", None)
         self._place = "" if self._on_exit is None else place()
+        if not callable(self._on_exit):
+            self._on_exit = checked(listed(self._on_exit), self._place) or None
         unknown = sorted(set(options) - self._IGNORED)
         if unknown:
             raise TypeError(f"{type(self).__name__} has no argument {', '.join(unknown)}")

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from hprm.ros._launch._entities import LaunchContext, perform, visit
+from hprm.ros._launch._entities import LaunchContext, checked, perform, shown, visit
 from hprm.ros._launch._plans import LaunchError, LaunchPlan
 from hprm.ros._launch._reactions import (
     Kind,
@@ -78,7 +78,7 @@ class _OfProcess(EventHandler):
         super().__init__(**kwargs)
         self._target = target_action
         self._function: Callable[..., Any] | None = does if callable(does) else None
-        self._actions = [] if callable(does) else listed(does)
+        self._actions = [] if callable(does) else checked(listed(does), self.place)
         is_process = isinstance(target_action, ExecuteProcess)
         self._counts = matcher(target_action, lambda _: is_process, self.place)
 
@@ -185,6 +185,11 @@ class OnProcessIO(EventHandler):
         self._counts = matcher(target_action, lambda _: is_process, self.place)
         self._target = target_action
         self._functions = {1: on_stdout, 2: on_stderr}
+        for function in self._functions.values():
+            if function is not None and not callable(function):
+                raise LaunchError(
+                    f"{self.place}: OnProcessIO calls functions, not {shown(function)}"
+                )
 
     @property
     def matcher_description(self) -> str:
@@ -215,7 +220,8 @@ class OnShutdown(EventHandler):
     def __init__(self, *, on_shutdown: Any, **kwargs: Any) -> None:
         """Take the actions, or a function that gets the event and the context."""
         super().__init__(**kwargs)
-        self._does = on_shutdown
+        is_function = callable(on_shutdown)
+        self._does = on_shutdown if is_function else checked(listed(on_shutdown), self.place)
 
     @property
     def matcher_description(self) -> str:
@@ -229,7 +235,7 @@ class OnShutdown(EventHandler):
 
     def describe(self) -> tuple[str, list[Any]]:
         """Return what it is, and its actions."""
-        return super().describe()[0], [] if callable(self._does) else listed(self._does)
+        return super().describe()[0], [] if callable(self._does) else list(self._does)
 
     def register(self, context: LaunchContext) -> None:
         """Note what follows."""
@@ -237,7 +243,7 @@ class OnShutdown(EventHandler):
         if callable(self._does):
             reaction.answer = calling(context, self._does, takes_context=True)
         else:
-            plan = reaction.plan = visited(context, listed(self._does))
+            plan = reaction.plan = visited(context, self._does)
             if plan.processes:
                 raise LaunchError(
                     f"{self.place}: OnShutdown starts no processes, as in ROS 2: the launch ends"
