@@ -475,7 +475,7 @@ class Coordinator:
         self._functions.interrupt()
 
     def _note_signals(self) -> None:
-        """Pass on the first signal; the next one ends all at once."""
+        """Send the first signal to all processes; the next one ends all at once."""
         while self._functions.came:
             number = self._functions.came.popleft()
             first = self._signals == 0
