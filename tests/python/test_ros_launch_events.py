@@ -640,3 +640,20 @@ return LaunchDescription([
 def test_nothing_starts_when_the_first_process_has_ended_the_launch(launch) -> None:
     outcome = launch(ENDS)
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
+
+
+NO_FOLDER = """
+lost = ExecuteProcess(cmd=["true"], cwd="nowhere")
+return LaunchDescription([sh("exec sleep 60", name="stays"), {}])
+"""
+
+
+@pytest.mark.parametrize("action", ["lost", "sh('true', on_exit=lost)"])
+def test_a_process_that_cannot_be_started_is_an_error_and_ends_the_launch(
+    launch, action: str
+) -> None:
+    outcome = launch(NO_FOLDER.format(action))
+    assert (outcome.code, outcome.out) == (1, "")
+    (error,) = outcome.err.splitlines()
+    assert "cannot be started: [Errno 2] No such file or directory: " in error
+    assert "nowhere" in error

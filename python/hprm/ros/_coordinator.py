@@ -139,11 +139,19 @@ class Coordinator:
             # That has come in between.
             member.code = 0
             return
-        if member.is_started:
-            member.lives += 1
-            member.start()
-        else:
-            member.begin(next(self._numbers))
+        try:
+            if member.is_started:
+                member.lives += 1
+                member.start()
+            else:
+                member.begin(next(self._numbers))
+        except OSError as error:
+            member.code = 1
+            self._failed = self._failed or 1
+            write_line(f"error: {member.label} cannot be started: {error}", sys.stderr)
+            self._is_over = True
+            self._stop(signal.SIGINT)
+            return
         self._attend(member)
         if self._following is not None:
             self._follow(self._following.started(member))

@@ -86,8 +86,8 @@ class Member:
     def begin(self, number: int) -> None:
         """Start its process for the first time, as the one with that number."""
         self.label = f"{self.plan.name}-{number}"
-        self.is_started = True
         self.start()
+        self.is_started = True
 
     def _tell_nothing(self) -> None:
         self.nodes: list[str] = []
