@@ -129,12 +129,13 @@ def main() -> int:
             player = Player(bag, options)
             while not player.is_done:
                 hprm.ros.spin_once(player.node)
+        hprm.ros.try_shutdown()
     except BagError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except (ExternalShutdownException, KeyboardInterrupt):
-        return 0
-    hprm.ros.try_shutdown()
+        # At any moment, also while it ends.
+        pass
     return 0
 
 

@@ -118,9 +118,9 @@ def find_program(package: str, executable: str, near: Path) -> Program:
     """Return a program of a package, as seen from a file or folder.
 
     An entry point of the package's ``setup.py``, ``setup.cfg`` or ``pyproject.toml`` comes first,
-    then files in the usual folders. Where there are entry points, the modules that they name are no
-    programs themselves: run as a file, such a module does nothing, as after a typing error in the
-    name of its entry point. Raises ``PackageError`` that says where it was looked for.
+    then files in the usual folders. A module that an entry point names is no program itself: run as
+    a file, it does nothing, as after a typing error in the name of its entry point. Raises
+    ``PackageError`` that says where it was looked for.
     """
     own = _OWN.get((package, executable))
     if own is not None:
@@ -130,7 +130,7 @@ def find_program(package: str, executable: str, near: Path) -> Program:
     if entry is not None:
         return entry
     looked = []
-    modules = () if _has_entry_points(folder) else (package,)
+    modules = () if _is_named(folder, package, executable) else (package,)
     for below in (*modules, *_FOLDERS):
         for name in (f"{executable}.py", executable):
             path = folder / below / name
@@ -143,11 +143,12 @@ def find_program(package: str, executable: str, near: Path) -> Program:
     )
 
 
-def _has_entry_points(folder: Path) -> bool:
+def _is_named(folder: Path, package: str, module: str) -> bool:
+    """Whether an entry point names a module of a package."""
+    pattern = re.compile(rf"=\s*['\"]?{re.escape(package)}\.{re.escape(module)}\s*:")
     for file in _MARKS[1:]:
         with contextlib.suppress(OSError, UnicodeDecodeError):
-            text = (folder / file).read_text(encoding="utf-8")
-            if "console_scripts" in text or "[project.scripts]" in text:
+            if pattern.search((folder / file).read_text(encoding="utf-8")):
                 return True
     return False
 
