@@ -109,15 +109,10 @@ class Following:
             member,
             lambda action: ProcessExited(returncode=code, **_facts(member, action)),
         )
-        is_over = answer.wrong is not None or answer.is_interrupted
-        if not is_over and not member.may_respawn():
-            complete = self._answer(
-                "complete", member, lambda action: ExecutionComplete(action=action)
+        if not member.may_respawn():
+            self._answer(
+                "complete", member, lambda action: ExecutionComplete(action=action), answer
             )
-            answer.says += complete.says
-            answer.starts += complete.starts
-            answer.ends |= complete.ends
-            answer.wrong = complete.wrong
         return answer
 
     def printed(self, member: Member, text: bytes, descriptor: int) -> Answer:
@@ -157,8 +152,15 @@ class Following:
                     " one once"
                 )
 
-    def _answer(self, kind: Kind, member: Member, event: Callable[[Any], Any]) -> Answer:
-        answer = Answer()
+    def _answer(
+        self,
+        kind: Kind,
+        member: Member,
+        event: Callable[[Any], Any],
+        answer: Answer | None = None,
+    ) -> Answer:
+        """Answer an event of a process, in addition to what has been answered before."""
+        answer = answer or Answer()
         stated = self._stated.get(id(member.plan))
         actions = [action for action, it in self._launch.started if it is stated]
         for reaction in list(self._launch.reactions):

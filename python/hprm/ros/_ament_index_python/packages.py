@@ -5,6 +5,7 @@ A package is looked for around the launch file that is being read, or else aroun
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from hprm.ros._launch._packages import PackageError, find_package, find_share
@@ -23,10 +24,7 @@ def get_package_share_directory(package_name: str, print_warning: bool = True) -
 
     Raises ``PackageNotFoundError`` that says where it was looked for.
     """
-    try:
-        return str(find_share(package_name, _near()))
-    except PackageError as error:
-        raise PackageNotFoundError(str(error)) from None
+    return _found(find_share, package_name)
 
 
 def get_package_share_path(package_name: str, print_warning: bool = True) -> Path:
@@ -36,8 +34,12 @@ def get_package_share_path(package_name: str, print_warning: bool = True) -> Pat
 
 def get_package_prefix(package_name: str) -> str:
     """Return the folder of a package's source: nothing is installed."""
+    return _found(find_package, package_name)
+
+
+def _found(find: Callable[[str, Path], Path], package_name: str) -> str:
     try:
-        return str(find_package(package_name, _near()))
+        return str(find(package_name, _near()))
     except PackageError as error:
         raise PackageNotFoundError(str(error)) from None
 

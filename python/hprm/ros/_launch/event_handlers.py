@@ -65,27 +65,13 @@ class EventHandler:
 BaseEventHandler = EventHandler
 
 
-class _OfProcess(EventHandler):
-    """Actions, or a function that returns some, at an event of a process."""
+class _Answering(EventHandler):
+    """Actions, or a function that returns some, when something happens."""
 
-    kind: Kind
-    #: The event, as it is called in launch.
-    _event = ""
-
-    def __init__(self, target_action: Any, does: Any, **kwargs: Any) -> None:
-        from hprm.ros._launch.actions import ExecuteProcess
-
+    def __init__(self, does: Any, **kwargs: Any) -> None:
         super().__init__(**kwargs)
-        self._target = target_action
         self._function: Callable[..., Any] | None = does if callable(does) else None
         self._actions = [] if callable(does) else checked(listed(does), self.place)
-        is_process = isinstance(target_action, ExecuteProcess)
-        self._counts = matcher(target_action, lambda _: is_process, self.place)
-
-    @property
-    def matcher_description(self) -> str:
-        """For which events it counts."""
-        return _matching(self._event, self._target)
 
     @property
     def handler_description(self) -> str:
@@ -96,15 +82,40 @@ class _OfProcess(EventHandler):
         """Return what it is, and its actions."""
         return super().describe()[0], list(self._actions)
 
-    def register(self, context: LaunchContext) -> None:
-        """Note what follows."""
-        reaction = Reaction(self.kind, self._counts, _nothing, self.place, self.handle_once)
+    def _note(self, context: LaunchContext, reaction: Reaction) -> None:
+        """Note a reaction that does that."""
         if self._function is None:
             plan = reaction.plan = visited(context, self._actions)
             reaction.answer = lambda event: plan
         else:
             reaction.answer = calling(context, self._function, takes_context=True)
         context.reactions.append(reaction)
+
+
+class _OfProcess(_Answering):
+    """The same at an event of a process."""
+
+    kind: Kind
+    #: The event, as it is called in launch.
+    _event = ""
+
+    def __init__(self, target_action: Any, does: Any, **kwargs: Any) -> None:
+        from hprm.ros._launch.actions import ExecuteProcess
+
+        super().__init__(does, **kwargs)
+        self._target = target_action
+        is_process = isinstance(target_action, ExecuteProcess)
+        self._counts = matcher(target_action, lambda _: is_process, self.place)
+
+    @property
+    def matcher_description(self) -> str:
+        """For which events it counts."""
+        return _matching(self._event, self._target)
+
+    def register(self, context: LaunchContext) -> None:
+        """Note what follows."""
+        reaction = Reaction(self.kind, self._counts, _nothing, self.place, self.handle_once)
+        self._note(context, reaction)
 
 
 class OnProcessStart(_OfProcess):
@@ -214,42 +225,26 @@ class OnProcessIO(EventHandler):
         )
 
 
-class OnShutdown(EventHandler):
+class OnShutdown(_Answering):
     """What is done when the launch ends; nothing starts then."""
 
     def __init__(self, *, on_shutdown: Any, **kwargs: Any) -> None:
         """Take the actions, or a function that gets the event and the context."""
-        super().__init__(**kwargs)
-        is_function = callable(on_shutdown)
-        self._does = on_shutdown if is_function else checked(listed(on_shutdown), self.place)
+        super().__init__(on_shutdown, **kwargs)
 
     @property
     def matcher_description(self) -> str:
         """For which events it counts."""
         return "event issubclass of launch.events.Shutdown"
 
-    @property
-    def handler_description(self) -> str:
-        """What it does: actions, or a function."""
-        return _function(self._does) if callable(self._does) else "<actions>"
-
-    def describe(self) -> tuple[str, list[Any]]:
-        """Return what it is, and its actions."""
-        return super().describe()[0], [] if callable(self._does) else list(self._does)
-
     def register(self, context: LaunchContext) -> None:
         """Note what follows."""
         reaction = Reaction("shutdown", lambda action: True, _nothing, self.place, True)
-        if callable(self._does):
-            reaction.answer = calling(context, self._does, takes_context=True)
-        else:
-            plan = reaction.plan = visited(context, self._does)
-            if plan.processes:
-                raise LaunchError(
-                    f"{self.place}: OnShutdown starts no processes, as in ROS 2: the launch ends"
-                )
-            reaction.answer = lambda event: plan
-        context.reactions.append(reaction)
+        self._note(context, reaction)
+        if reaction.plan is not None and reaction.plan.processes:
+            raise LaunchError(
+                f"{self.place}: OnShutdown starts no processes, as in ROS 2: the launch ends"
+            )
 
 
 def _matching(event: str, target: Any) -> str:
