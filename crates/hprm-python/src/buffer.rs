@@ -260,7 +260,7 @@ pub(crate) fn copy_in_a_row(from: &Bound<'_, PyAny>, to: &mut [u8]) -> bool {
     // SAFETY: by the protocol, the bytes stay where they are as long as there is the buffer, which ends after the copy. A
     // thread that writes to an array while it is sent gets a mixture, as it does where NumPy copies: bytes of any value.
     let bytes = unsafe { std::slice::from_raw_parts(buffer.buf_ptr().cast::<u8>(), to.len()) };
-    from.py().detach(|| hprm_store::copy(to, bytes));
+    from.py().detach(|| hprm::copy_value(to, bytes));
     true
 }
 

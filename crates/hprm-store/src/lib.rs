@@ -30,6 +30,7 @@ mod object;
 mod ring;
 mod shm;
 mod store;
+mod ways;
 #[cfg(test)]
 mod weak_memory;
 mod word;
@@ -45,5 +46,5 @@ pub use ledger::{HoldError, Ledger, Loan, LoanError, StoreLimits, StoreStats};
 pub use loan::{LoanOf, WritableLoan};
 pub use object::Object;
 pub use ring::{RING_CAPACITY, RingError, RingReader, RingWriter, map_ring_pair, ring_pair};
-pub use shm::{STREAMED, copy};
 pub use store::{Announcement, Store};
+pub use ways::{STREAMED, Way, Ways, copy};

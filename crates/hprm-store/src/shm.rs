@@ -35,6 +35,6 @@ pub(crate) use cow_pages::CowPages;
 pub(crate) use locks::{FileDescription, ForkLock, is_locked, lock_file};
 pub(crate) use published::{PublishedWords, WordsView};
 pub(crate) use segment::{ReadBorrow, Segment, WriteBorrow};
-pub use streaming::{STREAMED, copy};
+pub(crate) use streaming::stream;
 pub(crate) use view::SegmentView;
 pub(crate) use words::SharedWords;

@@ -223,7 +223,7 @@ impl Store {
     /// As for [`Self::loan`].
     pub fn put(&mut self, bytes: &[u8], readers: &[FederateId]) -> Result<ObjectRef, StoreError> {
         let mut loan = self.loan(bytes.len())?;
-        crate::shm::copy(&mut loan, bytes);
+        loan.copy_from_slice(bytes);
         self.count_copy(bytes.len());
         Ok(self.seal(loan, readers))
     }

@@ -24,6 +24,7 @@ mod answer;
 pub mod board;
 mod clock;
 pub mod console;
+mod copying;
 mod describing;
 mod disk;
 mod failure;
@@ -65,6 +66,7 @@ mod workers;
 
 pub use answer::Answer;
 pub use clock::{Clock, nanoseconds};
+pub use copying::copy_value;
 pub use describing::{DESCRIPTIONS, Descriptions, declaration_of, read_descriptions};
 pub use disk::{Disk, Unreadable};
 pub use failure::{Failure, Kind, Label, Raised, ReactionFailure, Report, Source, exit_code};

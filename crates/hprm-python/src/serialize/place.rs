@@ -78,7 +78,7 @@ impl<'s> Place<'s> {
     /// Places bytes.
     pub(super) fn put_bytes(&mut self, bytes: &[u8]) -> PyResult<Part> {
         self.write(bytes.len(), |mut draft| {
-            hprm_store::copy(draft.bytes_mut(), bytes);
+            hprm::copy_value(draft.bytes_mut(), bytes);
             Ok(draft)
         })
     }
@@ -159,8 +159,8 @@ impl Source<'_> {
             Self::Writer(write, _) => {
                 return Staging::lend(py, draft, |buffer| write.call1((buffer,)).map(drop));
             }
-            Self::Bytes(bytes) => hprm_store::copy(draft.bytes_mut(), bytes.as_bytes()),
-            Self::Text(text) => hprm_store::copy(draft.bytes_mut(), text.to_str()?.as_bytes()),
+            Self::Bytes(bytes) => hprm::copy_value(draft.bytes_mut(), bytes.as_bytes()),
+            Self::Text(text) => hprm::copy_value(draft.bytes_mut(), text.to_str()?.as_bytes()),
             Self::Buffer(buffer) => buffer.copy_to_slice(py, draft.bytes_mut())?,
         }
         Ok(draft)

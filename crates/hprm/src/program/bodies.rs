@@ -6,8 +6,8 @@ use std::error::Error;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use hprm_core::{
-    Body, ChannelId, Effect, Effects, FederateId, Payload, PortId, Program, Reaction, ReactionId,
-    ReactorId, Reading, Scheduler, Table, Trigger, Turn,
+    Body, ChannelId, Effect, Effects, Payload, PortId, Program, Reaction, ReactionId, ReactorId,
+    Reading, Scheduler, Table, Trigger, Turn,
 };
 use hprm_store::{Object, StoreAllocator};
 
@@ -122,11 +122,10 @@ impl Bodies {
     pub(super) fn federated(
         mut self,
         program: &Arc<Program>,
-        me: FederateId,
         asked: Arc<Asked>,
         entrances: Entrances,
     ) -> Self {
-        let transport = Transport::new(program, me, &self.codecs);
+        let transport = Transport::new(program, &self.codecs);
         self.federated = Some(Federated { transport, asked, _entrances: entrances });
         self
     }

@@ -12,7 +12,7 @@ use super::value::Value;
 use crate::handover::Handover;
 use crate::launch::{die_with_parent, watch};
 use crate::supervisor::Signal;
-use crate::{Failure, FederateOptions, Inbox, Label, console, log_to_stderr};
+use crate::{Failure, Inbox, Label, console, log_to_stderr};
 
 /// A signal by which the user has asked this process to stop.
 pub(super) struct Asked {
@@ -92,13 +92,12 @@ fn run(
         })
         .map_err(|error| Failure::system("cannot watch for Ctrl-C", &error))?
     };
-    let FederateOptions { federate, program, .. } = &options;
-    let (federate, program) = (*federate, Arc::clone(program));
+    let program = Arc::clone(&options.program);
     sender::running_reactions(|| {
         crate::run_federate(&options, &inbox, || {
             *joined = true;
             let (bodies, entrances) = built?;
-            Ok(bodies.federated(&program, federate, asked, entrances))
+            Ok(bodies.federated(&program, asked, entrances))
         })
     })
 }

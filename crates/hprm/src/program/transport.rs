@@ -8,13 +8,13 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Weak};
 
 use hprm_codec::{DecodeError, Draft, EncodeError, Memory, Source, Transfer};
-use hprm_core::{ChannelId, Connection, FederateId, Part, Payload, PortId, Program, Table};
+use hprm_core::{ChannelId, Connection, Part, Payload, PortId, Program, Table};
 use hprm_store::{Object, StoreAllocator};
 
 use super::sender::Sent;
 use super::value::{Value, stored_type};
-use crate::Failure;
 use crate::failure::Source as Code;
+use crate::{Failure, copy_value};
 
 /// The most arrays of which the copies in the store are remembered.
 const REMEMBERED: usize = 8;
@@ -72,7 +72,6 @@ impl Memory for InStore {
 /// What carries the values of a federate.
 pub(super) struct Transport {
     program: Arc<Program>,
-    me: FederateId,
     codecs: Table<ChannelId, Option<Codec>>,
     /// What the last payload refers to, until the loop has added its readers.
     holds: Vec<Object>,
@@ -84,11 +83,7 @@ pub(super) struct Transport {
 
 impl Transport {
     /// The transport of a federate; `codecs` are those of the ports that are connected to other federates.
-    pub(super) fn new(
-        program: &Arc<Program>,
-        me: FederateId,
-        codecs: &BTreeMap<PortId, Codec>,
-    ) -> Self {
+    pub(super) fn new(program: &Arc<Program>, codecs: &BTreeMap<PortId, Codec>) -> Self {
         let of = |connection: &Connection| {
             codecs.get(&connection.from).or_else(|| codecs.get(&connection.to)).copied()
         };
@@ -96,7 +91,6 @@ impl Transport {
         Self {
             codecs: channels.map(|channel| of(&program.connections[channel.connection])).collect(),
             program: Arc::clone(program),
-            me,
             holds: Vec::new(),
             copied: Vec::new(),
             warnings: Vec::new(),
@@ -188,9 +182,13 @@ impl Transport {
         bytes: &[u8],
     ) -> Result<(Part, Option<Object>), Failure> {
         let mut store = store.store();
-        let copied = store.put(bytes, &[self.me]).and_then(|object| store.open(object));
-        match copied {
-            Ok(object) => Ok((self.hold(object.clone()), Some(object))),
+        match store.loan(bytes.len()) {
+            Ok(mut loan) => {
+                copy_value(&mut loan, bytes);
+                store.count_copy(bytes.len());
+                let object = store.publish(loan);
+                Ok((self.hold(object.clone()), Some(object)))
+            }
             Err(error) => {
                 if let Some(first) =
                     store.fall_back(error).map_err(|error| Failure::store(&error))?

@@ -340,7 +340,7 @@ impl ShippingService {
     fn copy_here(&mut self, label: &Label, object: &Object, receivers: &[(FederateId, u32)]) {
         match self.loan(label) {
             Ok(Some(mut loan)) => {
-                hprm_store::copy(&mut loan, object.as_bytes());
+                crate::copy_value(&mut loan, object.as_bytes());
                 drop(self.deliver(label, loan, receivers));
             }
             Ok(None) => {}
