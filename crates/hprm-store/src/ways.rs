@@ -9,11 +9,16 @@ use crate::shm::stream;
 /// From how many bytes on there are two ways. Of what is smaller, readers find much in the caches.
 pub const STREAMED: usize = 8 << 20;
 
-/// How often each way is tried before one is chosen. More than once: the first copy of a process may find anything.
-const TRIALS: u32 = 2;
+/// How many copies in a row try a way. The first ones find in the caches what the other way has left there, and only the last
+/// ones what they leave for one another.
+const RUN: u32 = 4;
 
-/// At every copy of so many, the slower way is tried again: what else runs may have changed which one that is.
-const AGAIN: u32 = 128;
+/// How many copies go the quicker way after the first trials of both. Then the slower one is tried again: what else runs may
+/// have changed which one that is, or has interrupted the first trials.
+const FIRST_PERIOD: u32 = 8;
+
+/// How many do so at most: after each trial, it is twice as many as before.
+const LAST_PERIOD: u32 = 256;
 
 /// How many classes of sizes there are, each of twice as many bytes: a way that wins at 8 MiB may lose at 64.
 const CLASSES: usize = 8;
@@ -30,6 +35,15 @@ pub enum Way {
     Streamed,
 }
 
+impl Way {
+    fn other(self) -> Self {
+        match self {
+            Self::Cached => Self::Streamed,
+            Self::Streamed => Self::Cached,
+        }
+    }
+}
+
 /// What is known of both ways.
 #[derive(Debug)]
 pub struct Ways {
@@ -39,7 +53,12 @@ pub struct Ways {
 /// What is known of them for values of about one size.
 #[derive(Clone, Copy, Debug)]
 struct Class {
-    copies: u32,
+    /// Which way copies go now, and how many more before that is decided again.
+    way: Way,
+    left: u32,
+    is_trial: bool,
+    /// How many copies go the quicker way after the next trial.
+    period: u32,
     /// Nanoseconds for each byte; infinite as long as nothing is known.
     cached: f64,
     streamed: f64,
@@ -49,15 +68,14 @@ impl Ways {
     /// Nothing is known.
     #[must_use]
     pub const fn new() -> Self {
-        let unknown = Class { copies: 0, cached: f64::INFINITY, streamed: f64::INFINITY };
-        Self { classes: [unknown; CLASSES] }
+        Self { classes: [Class::UNKNOWN; CLASSES] }
     }
 
     /// Which way the next copy of `len` bytes goes.
     #[must_use]
     pub fn next(&self, len: usize) -> Way {
         match class_of(len) {
-            Some(class) => self.classes[class].next(),
+            Some(class) => self.classes[class].way,
             None => Way::Cached,
         }
     }
@@ -77,23 +95,39 @@ impl Default for Ways {
 }
 
 impl Class {
-    fn next(&self) -> Way {
-        let is_trial = self.copies < 2 * TRIALS;
-        let streams = match is_trial {
-            true => self.copies % 2 == 1,
-            false => (self.streamed < self.cached) != self.copies.is_multiple_of(AGAIN),
-        };
-        if streams { Way::Streamed } else { Way::Cached }
-    }
+    const UNKNOWN: Self = Self {
+        way: Way::Cached,
+        left: RUN,
+        is_trial: true,
+        period: FIRST_PERIOD,
+        cached: f64::INFINITY,
+        streamed: f64::INFINITY,
+    };
 
     fn took(&mut self, way: Way, rate: f64) {
-        self.copies = self.copies.wrapping_add(1).max(1);
         let known = match way {
             Way::Cached => &mut self.cached,
             Way::Streamed => &mut self.streamed,
         };
         // A copy that was interrupted says little, one that was quick that it can be quick.
         *known = if rate < *known { rate } else { *known + (rate - *known) * SLOWER };
+        self.left -= 1;
+        if self.left == 0 {
+            self.decide();
+        }
+    }
+
+    /// Decides which way the next copies go: for a period the quicker way, then for a trial the other one.
+    fn decide(&mut self) {
+        let is_known = self.cached.is_finite() && self.streamed.is_finite();
+        if self.is_trial && is_known {
+            self.way = if self.streamed < self.cached { Way::Streamed } else { Way::Cached };
+            (self.is_trial, self.left) = (false, self.period);
+            self.period = (2 * self.period).min(LAST_PERIOD);
+        } else {
+            self.way = self.way.other();
+            (self.is_trial, self.left) = (true, RUN);
+        }
     }
 }
 
@@ -146,48 +180,85 @@ mod tests {
             }
             streamed
         }
+
+        /// The way of the next copy of that many MiB.
+        fn next(&self, mib: usize) -> Way {
+            self.ways.next(mib << 20)
+        }
     }
+
+    /// How many copies there are before the second trial of the other way.
+    const FIRST: u32 = 2 * RUN + FIRST_PERIOD;
 
     #[test]
     fn the_quicker_way_is_found_and_kept() {
         let (mut caches, mut memory) = (Machine::new(70, 160), Machine::new(160, 120));
-        assert_eq!(caches.copies(2 * TRIALS, 16), TRIALS);
-        assert_eq!(memory.copies(2 * TRIALS, 16), TRIALS);
-        assert_eq!(caches.copies(AGAIN - 2 * TRIALS, 16), 0);
-        assert_eq!(memory.copies(AGAIN - 2 * TRIALS, 16), AGAIN - 2 * TRIALS);
+        assert_eq!((caches.copies(2 * RUN, 16), memory.copies(2 * RUN, 16)), (RUN, RUN));
+        assert_eq!(caches.copies(FIRST_PERIOD, 16), 0);
+        assert_eq!(memory.copies(FIRST_PERIOD, 16), FIRST_PERIOD);
+        // Trials become rare.
+        let streamed = caches.copies(10_000, 16);
+        assert!((RUN * 37..RUN * 45).contains(&streamed), "{streamed}");
+        let cached = 10_000 - memory.copies(10_000, 16);
+        assert!((RUN * 37..RUN * 45).contains(&cached), "{cached}");
     }
 
     #[test]
-    fn the_other_way_is_tried_again_and_wins_once_it_is_quicker() {
+    fn the_other_way_wins_once_it_is_quicker() {
         let mut machine = Machine::new(70, 160);
-        machine.copies(2 * TRIALS, 16);
-        assert_eq!(machine.copies(10 * AGAIN, 16), 10);
+        machine.copies(10 * LAST_PERIOD, 16);
+        assert_eq!(machine.next(16), Way::Cached);
         // Another program fills the caches from now on.
         (machine.cached, machine.streamed) = (300, 150);
-        machine.copies(2 * AGAIN, 16);
-        assert!(machine.copies(AGAIN, 16) >= AGAIN - 1);
+        machine.copies(2 * LAST_PERIOD, 16);
+        assert!(machine.copies(LAST_PERIOD, 16) >= LAST_PERIOD - RUN);
     }
 
     #[test]
-    fn a_copy_that_is_interrupted_changes_nothing() {
+    fn the_first_copies_of_a_trial_say_little() {
+        let mut ways = Ways::new();
+        let len = 16 << 20;
+        // Each way needs some copies before its place in the caches is as it leaves it.
+        for (way, rates) in [(Way::Cached, [116, 112, 90, 80]), (Way::Streamed, [85; 4])] {
+            for rate in rates {
+                assert_eq!(ways.next(len), way);
+                ways.took(way, len, rate * 16);
+            }
+        }
+        assert_eq!(ways.next(len), Way::Cached);
+    }
+
+    #[test]
+    fn trials_that_were_interrupted_are_made_again_soon() {
+        let mut machine = Machine::new(300, 100);
+        machine.copies(2 * RUN, 16);
+        machine.cached = 70;
+        machine.copies(FIRST - 2 * RUN, 16);
+        assert_eq!((machine.copies(RUN, 16), machine.copies(FIRST_PERIOD, 16)), (0, 0));
+    }
+
+    #[test]
+    fn one_copy_that_is_interrupted_changes_nothing() {
         let mut machine = Machine::new(70, 100);
-        machine.copies(2 * TRIALS, 16);
-        let len = usize::try_from(16 * MIB).unwrap();
-        machine.ways.took(Way::Cached, len, 16 * 200);
-        assert_eq!(machine.ways.next(len), Way::Cached);
+        machine.copies(2 * RUN, 16);
+        machine.ways.took(Way::Cached, 16 << 20, 16 * 250);
+        machine.copies(FIRST_PERIOD + RUN - 1, 16);
+        assert_eq!(machine.copies(2 * FIRST_PERIOD, 16), 0);
     }
 
     #[test]
     fn each_size_has_a_way_of_its_own_and_small_values_have_one() {
+        use Way::{Cached, Streamed};
         let mut machine = Machine::new(70, 160);
-        machine.copies(2 * TRIALS, 8);
+        machine.copies(2 * RUN, 8);
         (machine.cached, machine.streamed) = (160, 70);
-        machine.copies(2 * TRIALS, 64);
-        assert_eq!((machine.copies(5, 8), machine.copies(5, 64)), (0, 5));
+        machine.copies(2 * RUN, 64);
+        let ways = [8, 15, 64, 127].map(|mib| machine.next(mib));
+        assert_eq!(ways, [Cached, Cached, Streamed, Streamed]);
         assert_eq!(machine.copies(100, 7), 0);
         // What is larger than all classes is in the last one.
-        machine.copies(2 * TRIALS, 1 << 14);
-        assert_eq!(machine.copies(5, 1 << 20), 5);
+        machine.copies(2 * RUN, 1 << 14);
+        assert_eq!(machine.next(1 << 20), Streamed);
     }
 
     #[test]
