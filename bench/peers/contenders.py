@@ -85,6 +85,7 @@ CONTENDERS = (
     ),
     _hprm("hprm decentralized", "decentralized", groups=_ALL),
     _hprm("hprm spinning", "decentralized", "--spin=200us", groups=_POLL_GROUPS),
+    _hprm("hprm spinning centralized", "centralized", "--spin=200us", groups=_POLL_GROUPS),
     Contender("limit", "processes", _ALL, "limit", by_size=True),
     Contender(
         "limit spinning",

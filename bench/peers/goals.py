@@ -79,6 +79,7 @@ def goals() -> Iterator[Goal]:
     yield Goal("W2", who.APART, 64, "hprm spinning", "iceoryx2 polling", 0.8)
     yield Goal("W2", who.SAME, 64, cen, dec, 1.15)
     yield Goal("W2", who.APART, 64, cen, dec, 1.15)
+    yield Goal("W2", who.APART, 64, "hprm spinning centralized", "hprm spinning", 1.15)
     for size in (1, 5, 10, 25, 50):
         yield Goal("W3", who.PLACE, size * MB, "hprm loan", "", 0.05)
     for size in (1, 5, 10, 25, 50):

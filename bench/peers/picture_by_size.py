@@ -39,6 +39,7 @@ LOOKS = {
     "hprm centralized": _Look("#0072b2", "-", "o"),
     "hprm decentralized": _Look("#d55e00", "-", "s"),
     "hprm spinning": _Look("#d55e00", _DASHED, "s"),
+    "hprm spinning centralized": _Look("#0072b2", _DASHED, "o"),
     "limit": _Look("#444444", "-", "v"),
     "limit spinning": _Look("#444444", _DASHED, "v"),
     "iceoryx2": _Look("#009e73", "-", "^"),

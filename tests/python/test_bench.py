@@ -233,7 +233,8 @@ def test_a_picture_of_all_sizes_has_few_contenders_and_each_looks_different() ->
         for group, contenders in run.selected(options)
     }
     on_one_core = ["hprm centralized", "hprm decentralized", "limit", "iceoryx2"]
-    busy = ["hprm spinning", "limit spinning", "iceoryx2 polling"]
+    spinning = ["hprm spinning", "hprm spinning centralized", "limit spinning"]
+    busy = [*spinning, "iceoryx2 polling"]
     assert taking_part[who.SAME] == on_one_core
     assert sorted(taking_part[who.APART]) == sorted(on_one_core + busy)
     assert set(picture_by_size.LOOKS) == set(on_one_core + busy)

@@ -94,18 +94,14 @@ fn repeat(row: &Row, out: &Path) -> Result<[Vec<f64>; 3], Box<dyn Error>> {
     for repetition in 0..REPETITIONS {
         for turn in 0..CONTENDERS.len() {
             let which = (turn + repetition) % CONTENDERS.len();
-            samples[which].extend(measure(row, CONTENDERS[which], out)?);
+            samples[which].push(measure(row, CONTENDERS[which], out)?);
         }
     }
     Ok(samples)
 }
 
-/// Microseconds; nothing where the contender takes no part.
-fn measure(row: &Row, contender: Contender, out: &Path) -> Result<Option<f64>, Box<dyn Error>> {
-    // The RTI would take a processor from one of both.
-    if (contender, row.waiting) == (Contender::Centralized, Waiting::Polling) {
-        return Ok(None);
-    }
+/// Microseconds.
+fn measure(row: &Row, contender: Contender, out: &Path) -> Result<f64, Box<dyn Error>> {
     let Row { waiting, workload, rounds, .. } = *row;
     let result = out.join("rust-federations.result");
     let cell = Cell { contender, waiting, workload, rounds, warm_up: rounds / 10, result };
@@ -114,13 +110,10 @@ fn measure(row: &Row, contender: Contender, out: &Path) -> Result<Option<f64>, B
     if !status.success() {
         return Err(format!("{}, {contender:?}: {status}", row.name).into());
     }
-    Ok(Some(cell.read()? / 1000.0))
+    Ok(cell.read()? / 1000.0)
 }
 
 fn text(samples: &[f64]) -> String {
-    if samples.is_empty() {
-        return String::new();
-    }
     let least = samples.iter().copied().fold(f64::INFINITY, f64::min);
     let greatest = samples.iter().copied().fold(0.0, f64::max);
     format!("{:.2} ({least:.2}–{greatest:.2})", median(samples.to_vec()))

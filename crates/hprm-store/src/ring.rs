@@ -202,6 +202,12 @@ impl RingWriter {
     pub fn take_sleeping_reader(&mut self) -> bool {
         self.0.ring.take_sleeping(READER_SLEEPS)
     }
+
+    /// Whether the reader sleeps, or is about to. What it does next, this does not tell: whatever was written since has to
+    /// be followed by [`take_sleeping_reader`](Self::take_sleeping_reader) nevertheless.
+    pub fn reader_sleeps(&self) -> bool {
+        self.0.ring.load(READER_SLEEPS) != 0
+    }
 }
 
 impl RingReader {

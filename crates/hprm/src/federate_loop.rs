@@ -506,10 +506,13 @@ where
         self.phase = Phase::Running;
         self.send_all()?;
         self.host.tag_is_sent();
-        if !self.pace.may_linger(self.now) && !self.federation.machine.reads_boards() {
+        if !self.pace.may_linger(self.now) {
             // Only the RTI waits for what is still to be said of this tag. With boards, a receiver that woke up now would
-            // find there that it has to wait for more.
-            self.federation.links.flush_peers();
+            // find there that it has to wait for more; one that is awake decodes the messages meanwhile.
+            match self.federation.machine.reads_boards() {
+                true => self.federation.links.flush_awake_peers(),
+                false => self.federation.links.flush_peers(),
+            }
         }
         self.handle(Input::Completed(tag))?;
         if let Some(maxwait) = self.host.take_maxwait() {

@@ -314,6 +314,11 @@ impl Link {
         }
     }
 
+    /// Whether the other end sees what is written without being woken up.
+    pub(crate) fn reader_is_awake(&self) -> bool {
+        matches!(self, Self::Stream(link) if link.reader_is_awake())
+    }
+
     /// Writes as much as the other end takes.
     pub(crate) fn flush(&mut self) -> io::Result<()> {
         match self {

@@ -2,13 +2,13 @@
 //!
 //! It opens and accepts links and reads frames from them. The machine decides what a frame means.
 
+mod writing;
+
 use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::io;
-use std::mem;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
-use hprm_core::limits::EAGER_BUFFER;
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, SortedMap};
 use hprm_federated::codec::CodecError;
 use hprm_federated::{Carried, FederationId, Frame, HostId, Input, shipments_to};
@@ -512,52 +512,6 @@ impl FederateLinks {
         self.polled.boards.as_mut()
     }
 
-    /// Whether the agent has not taken all shipments yet. Then messages stay here: one that has left without its
-    /// shipments could never be read if this process was killed now.
-    fn shipments_wait(&self) -> bool {
-        self.polled.shipping.as_ref().is_some_and(Shipping::has_waiting)
-    }
-
-    /// Writes what can be written. It reports no failure: the next read of the links finds out that a peer has
-    /// ended, or that there was no memory for a frame.
-    pub(super) fn flush(&mut self) {
-        if self.shipments_wait() {
-            return;
-        }
-        self.flush_peers();
-        if mem::take(&mut self.rti_may_have_outbound)
-            && let Some(rti) = &mut self.polled.rti
-        {
-            self.rti_may_have_outbound = flush(&mut rti.link, &mut self.write_failure);
-        }
-    }
-
-    /// The same for the links with peers alone.
-    pub(super) fn flush_peers(&mut self) {
-        if self.shipments_wait() {
-            return;
-        }
-        let others = mem::take(&mut self.peers_may_have_outbound);
-        for peer in self.unsent.drain(..) {
-            if let Some(polled) = self.polled.to_mut(peer) {
-                self.peers_may_have_outbound |= flush(&mut polled.link, &mut self.write_failure);
-            }
-        }
-        if !others {
-            return;
-        }
-        let PolledLinks { outgoing, incoming, .. } = &mut self.polled;
-        for peer in outgoing.values_mut().chain(incoming.values_mut()) {
-            self.peers_may_have_outbound |= flush(&mut peer.link, &mut self.write_failure);
-        }
-    }
-
-    /// Whether there is as much to write as the other end reads at once. A link whose other end took no more
-    /// the last time does not count, so that the loop does not try again for each new frame.
-    pub(super) fn have_much_to_write(&self) -> bool {
-        self.polled.links().any(|link| link.writable_len() >= EAGER_BUFFER)
-    }
-
     /// Closes the links in order: writes everything within `timeout`, and makes sure that it arrives. With
     /// `all`, `timeout` begins again whenever the kernel has taken some bytes of a long message.
     pub(super) fn close_in_order(&mut self, timeout: Nanos, all: bool) {
@@ -714,18 +668,6 @@ impl FederateLinks {
         ended.drain(..).for_each(|peer| _ = incoming.remove(&peer));
         Ok(())
     }
-}
-
-/// Writes what can be written to a link. Returns whether it must be flushed again.
-fn flush(link: &mut Link, write_failure: &mut Option<Failure>) -> bool {
-    match link.flush() {
-        Ok(()) => {}
-        Err(error) if error.kind() == io::ErrorKind::OutOfMemory => {
-            write_failure.get_or_insert_with(|| no_memory(&error));
-        }
-        Err(_) => link.discard(),
-    }
-    link.must_flush_again()
 }
 
 /// Where what comes over the links with peers goes.

@@ -124,6 +124,12 @@ impl Rings {
         self.is_reading() && self.ends.as_ref().is_some_and(|(_, reader)| !reader.is_empty())
     }
 
+    /// Whether the other end looks into its ring by itself, at this moment.
+    pub(super) fn reader_is_awake(&self) -> bool {
+        self.remote.is_some()
+            && self.ends.as_ref().is_some_and(|(writer, _)| !writer.reader_sleeps())
+    }
+
     /// Announces that this process is about to sleep. After that it must look once more for what has come.
     pub(super) fn announce_sleep(&mut self) {
         if let Some((_, reader)) = &mut self.ends {

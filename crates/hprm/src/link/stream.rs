@@ -92,6 +92,11 @@ impl Stream {
         }
     }
 
+    /// Whether the other end sees what is written without being woken up.
+    pub(super) fn reader_is_awake(&self) -> bool {
+        matches!(&self.transport, Transport::Rings(rings) if rings.reader_is_awake())
+    }
+
     /// Announces that this process does not sleep any more.
     pub(super) fn end_sleep(&mut self) {
         if let Transport::Rings(rings) = &mut self.transport {

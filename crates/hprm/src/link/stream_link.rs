@@ -227,6 +227,11 @@ impl StreamLink {
         self.stream.end_sleep();
     }
 
+    /// Whether the other end sees what is written without being woken up.
+    pub(crate) fn reader_is_awake(&self) -> bool {
+        self.stream.reader_is_awake()
+    }
+
     /// Whether bytes wait that the socket does not report as readable: in a ring buffer, or decrypted.
     pub(crate) fn has_unread(&self) -> bool {
         self.stream.has_unread()

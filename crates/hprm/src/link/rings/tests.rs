@@ -284,3 +284,19 @@ fn what_is_no_memory_for_rings_breaks_the_link_after_the_frames_before() {
     assert!(matches!(outcome, Err(Broken::Link(_))), "{outcome:?}");
     assert_eq!(frames, [Frame::Resign]);
 }
+
+#[test]
+fn a_reader_is_awake_until_it_announces_that_it_sleeps() {
+    let Pair { near: (mut near, _), far: (mut far, _) } = pair_with_rings("awake");
+    assert!(near.reader_is_awake() && far.reader_is_awake());
+    far.announce_sleep();
+    assert!(!near.reader_is_awake() && far.reader_is_awake());
+    // It is woken up once, and is not to be counted on before it says so.
+    near.queue(Frame::Ping, None);
+    near.flush().unwrap();
+    far.end_sleep();
+    assert!(near.reader_is_awake());
+    // Over a socket, nothing tells that.
+    let Pair { near: (near, _), .. } = pair("unopened");
+    assert!(!near.reader_is_awake());
+}
