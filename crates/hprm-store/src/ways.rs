@@ -9,16 +9,20 @@ use crate::shm::stream;
 /// From how many bytes on there are two ways. Of what is smaller, readers find much in the caches.
 pub const STREAMED: usize = 8 << 20;
 
-/// How many copies in a row try a way. The first ones find in the caches what the other way has left there, and only the last
-/// ones what they leave for one another.
-const RUN: u32 = 4;
+/// How many copies in a row try a way. The first ones through the caches find there what the other way has left, and only
+/// the last ones what they leave for one another.
+const CACHED_TRIAL: u32 = 4;
+const STREAMED_TRIAL: u32 = 2;
 
-/// How many copies go the quicker way after the first trials of both. Then the slower one is tried again: what else runs may
-/// have changed which one that is, or has interrupted the first trials.
-const FIRST_PERIOD: u32 = 8;
+/// How many copies go the quicker way after the first trials of both, which something may have interrupted, before the other
+/// one is tried again; how many afterwards, as what else runs may have changed which one is quicker; and how many if it is so
+/// by far.
+const FIRST_PERIOD: u32 = 32;
+const PERIOD: u32 = 128;
+const LONG_PERIOD: u32 = 1024;
 
-/// How many do so at most: after each trial, it is twice as many as before.
-const LAST_PERIOD: u32 = 256;
+/// How many times longer the slower way takes if the other one is quicker by far.
+const BY_FAR: f64 = 1.2;
 
 /// How many classes of sizes there are, each of twice as many bytes: a way that wins at 8 MiB may lose at 64.
 const CLASSES: usize = 8;
@@ -57,8 +61,8 @@ struct Class {
     way: Way,
     left: u32,
     is_trial: bool,
-    /// How many copies go the quicker way after the next trial.
-    period: u32,
+    /// Whether both have been tried again since the first time.
+    is_sure: bool,
     /// Nanoseconds for each byte; infinite as long as nothing is known.
     cached: f64,
     streamed: f64,
@@ -97,9 +101,9 @@ impl Default for Ways {
 impl Class {
     const UNKNOWN: Self = Self {
         way: Way::Cached,
-        left: RUN,
+        left: CACHED_TRIAL,
         is_trial: true,
-        period: FIRST_PERIOD,
+        is_sure: false,
         cached: f64::INFINITY,
         streamed: f64::INFINITY,
     };
@@ -120,13 +124,26 @@ impl Class {
     /// Decides which way the next copies go: for a period the quicker way, then for a trial the other one.
     fn decide(&mut self) {
         let is_known = self.cached.is_finite() && self.streamed.is_finite();
-        if self.is_trial && is_known {
-            self.way = if self.streamed < self.cached { Way::Streamed } else { Way::Cached };
-            (self.is_trial, self.left) = (false, self.period);
-            self.period = (2 * self.period).min(LAST_PERIOD);
-        } else {
+        self.is_trial = !(self.is_trial && is_known);
+        if self.is_trial {
             self.way = self.way.other();
-            (self.is_trial, self.left) = (true, RUN);
+            self.left = match self.way {
+                Way::Cached => CACHED_TRIAL,
+                Way::Streamed => STREAMED_TRIAL,
+            };
+        } else {
+            self.way = if self.streamed < self.cached { Way::Streamed } else { Way::Cached };
+            self.left = self.period();
+        }
+    }
+
+    /// How many copies go the quicker way before the next trial.
+    fn period(&mut self) -> u32 {
+        let (less, more) = (self.cached.min(self.streamed), self.cached.max(self.streamed));
+        match (std::mem::replace(&mut self.is_sure, true), more > less * BY_FAR) {
+            (false, _) => FIRST_PERIOD,
+            (true, false) => PERIOD,
+            (true, true) => LONG_PERIOD,
         }
     }
 }
@@ -187,39 +204,47 @@ mod tests {
         }
     }
 
-    /// How many copies there are before the second trial of the other way.
-    const FIRST: u32 = 2 * RUN + FIRST_PERIOD;
+    /// How many copies are the first trials.
+    const TRIALS: u32 = CACHED_TRIAL + STREAMED_TRIAL;
 
     #[test]
     fn the_quicker_way_is_found_and_kept() {
         let (mut caches, mut memory) = (Machine::new(70, 160), Machine::new(160, 120));
-        assert_eq!((caches.copies(2 * RUN, 16), memory.copies(2 * RUN, 16)), (RUN, RUN));
+        assert_eq!(caches.copies(TRIALS, 16), STREAMED_TRIAL);
+        assert_eq!(memory.copies(TRIALS, 16), STREAMED_TRIAL);
         assert_eq!(caches.copies(FIRST_PERIOD, 16), 0);
         assert_eq!(memory.copies(FIRST_PERIOD, 16), FIRST_PERIOD);
         // Trials become rare.
-        let streamed = caches.copies(10_000, 16);
-        assert!((RUN * 37..RUN * 45).contains(&streamed), "{streamed}");
-        let cached = 10_000 - memory.copies(10_000, 16);
-        assert!((RUN * 37..RUN * 45).contains(&cached), "{cached}");
+        let count = 10 * LONG_PERIOD;
+        assert_eq!(caches.copies(count, 16), 10 * STREAMED_TRIAL);
+        assert_eq!(count - memory.copies(count, 16), 10 * CACHED_TRIAL);
+    }
+
+    #[test]
+    fn ways_that_are_about_as_quick_are_tried_more_often() {
+        let mut machine = Machine::new(100, 110);
+        machine.copies(TRIALS + FIRST_PERIOD, 16);
+        assert_eq!(machine.copies(10 * (PERIOD + STREAMED_TRIAL), 16), 10 * STREAMED_TRIAL);
     }
 
     #[test]
     fn the_other_way_wins_once_it_is_quicker() {
         let mut machine = Machine::new(70, 160);
-        machine.copies(10 * LAST_PERIOD, 16);
+        machine.copies(3 * LONG_PERIOD, 16);
         assert_eq!(machine.next(16), Way::Cached);
         // Another program fills the caches from now on.
         (machine.cached, machine.streamed) = (300, 150);
-        machine.copies(2 * LAST_PERIOD, 16);
-        assert!(machine.copies(LAST_PERIOD, 16) >= LAST_PERIOD - RUN);
+        machine.copies(2 * LONG_PERIOD, 16);
+        assert!(machine.copies(LONG_PERIOD, 16) >= LONG_PERIOD - CACHED_TRIAL);
     }
 
     #[test]
     fn the_first_copies_of_a_trial_say_little() {
         let mut ways = Ways::new();
         let len = 16 << 20;
-        // Each way needs some copies before its place in the caches is as it leaves it.
-        for (way, rates) in [(Way::Cached, [116, 112, 90, 80]), (Way::Streamed, [85; 4])] {
+        // Copies through the caches have to come after one another.
+        let rates = [(Way::Cached, &[116, 112, 90, 80][..]), (Way::Streamed, &[85; 2][..])];
+        for (way, rates) in rates {
             for rate in rates {
                 assert_eq!(ways.next(len), way);
                 ways.took(way, len, rate * 16);
@@ -231,33 +256,34 @@ mod tests {
     #[test]
     fn trials_that_were_interrupted_are_made_again_soon() {
         let mut machine = Machine::new(300, 100);
-        machine.copies(2 * RUN, 16);
+        machine.copies(TRIALS, 16);
         machine.cached = 70;
-        machine.copies(FIRST - 2 * RUN, 16);
-        assert_eq!((machine.copies(RUN, 16), machine.copies(FIRST_PERIOD, 16)), (0, 0));
+        assert_eq!(machine.copies(FIRST_PERIOD, 16), FIRST_PERIOD);
+        assert_eq!(machine.copies(CACHED_TRIAL + PERIOD, 16), 0);
     }
 
     #[test]
     fn one_copy_that_is_interrupted_changes_nothing() {
         let mut machine = Machine::new(70, 100);
-        machine.copies(2 * RUN, 16);
+        machine.copies(TRIALS, 16);
         machine.ways.took(Way::Cached, 16 << 20, 16 * 250);
-        machine.copies(FIRST_PERIOD + RUN - 1, 16);
-        assert_eq!(machine.copies(2 * FIRST_PERIOD, 16), 0);
+        assert_eq!(machine.copies(FIRST_PERIOD - 1, 16), 0);
+        machine.copies(STREAMED_TRIAL, 16);
+        assert_eq!(machine.copies(PERIOD, 16), 0);
     }
 
     #[test]
     fn each_size_has_a_way_of_its_own_and_small_values_have_one() {
         use Way::{Cached, Streamed};
         let mut machine = Machine::new(70, 160);
-        machine.copies(2 * RUN, 8);
+        machine.copies(TRIALS, 8);
         (machine.cached, machine.streamed) = (160, 70);
-        machine.copies(2 * RUN, 64);
+        machine.copies(TRIALS, 64);
         let ways = [8, 15, 64, 127].map(|mib| machine.next(mib));
         assert_eq!(ways, [Cached, Cached, Streamed, Streamed]);
         assert_eq!(machine.copies(100, 7), 0);
         // What is larger than all classes is in the last one.
-        machine.copies(2 * RUN, 1 << 14);
+        machine.copies(TRIALS, 1 << 14);
         assert_eq!(machine.next(1 << 20), Streamed);
     }
 
