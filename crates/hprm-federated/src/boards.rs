@@ -94,6 +94,8 @@ pub struct Posting {
     pub departs: bool,
     /// It has ended, and sends nothing more.
     pub ended: bool,
+    /// Which process shows this: how many have joined as that federate, up to it. Zero without transient federates.
+    pub life: u32,
     /// What it has counted on its channels, in their order: on all that lead from it or to it, but physical ones. One
     /// from a federate to itself is there twice; the first of these tallies counts what was sent.
     pub tallies: Vec<Tally>,
@@ -154,6 +156,7 @@ impl Posting {
             waits: Step::NEVER,
             departs: false,
             ended: false,
+            life: 0,
             tallies: vec![Tally::NONE; tallies],
         }
     }
@@ -284,10 +287,12 @@ impl Boards {
         self.refresh(self.me);
     }
 
-    /// Takes what another federate shows. What does not fit the program, no federate has posted.
+    /// Takes what another federate shows. What does not fit the program, no federate has posted; and what a former process
+    /// of a federate has shown may still come when its successor is known already.
     pub(crate) fn read(&mut self, from: FederateId, posting: Posting) {
         let known = self.postings.get(from).filter(|_| from != self.me);
-        if known.is_some_and(|known| known.tallies.len() == posting.tallies.len()) {
+        let fits = |known: &Posting| known.tallies.len() == posting.tallies.len();
+        if known.is_some_and(|known| fits(known) && known.life == posting.life) {
             let former = std::mem::replace(&mut self.postings[from], posting);
             self.found.recycle(former.tallies);
             self.lives.silent.remove(&from);

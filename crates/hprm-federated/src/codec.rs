@@ -433,11 +433,12 @@ mod tests {
     fn posting() -> impl Strategy<Value = Frame> {
         let tally = (any::<u64>(), tag(), any::<u32>());
         let tally = tally.prop_map(|(messages, latest, life)| Tally { messages, latest, life });
-        let parts = (step(), step(), any::<(bool, bool)>(), prop::collection::vec(tally, 0..4));
-        parts.prop_map(|(next, waits, (departs, ended), tallies)| Frame::Posting {
+        let parts =
+            (step(), step(), any::<(bool, bool, u32)>(), prop::collection::vec(tally, 0..4));
+        parts.prop_map(|(next, waits, (departs, ended, life), tallies)| Frame::Posting {
             owner: FederateId(1),
             reader: FederateId(2),
-            posting: Posting { next, waits, departs, ended, tallies },
+            posting: Posting { next, waits, departs, ended, life, tallies },
         })
     }
 

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::{Posting, Step};
 
 /// The version of the frames and of their meaning; both ends of a link must have the same.
-pub const PROTOCOL: u32 = 17;
+pub const PROTOCOL: u32 = 18;
 
 /// Identifies a federation. The driver keeps it secret if processes have to prove that they know it; then frames
 /// carry an id that is derived from it.

@@ -52,7 +52,8 @@ fn samples() -> Vec<Frame> {
     let tag = Tag::new(1_000, 1);
     let next = Step { tag, level: 3 };
     let tallies = vec![Tally { messages: 4, latest: tag, life: 0 }; 5];
-    let posting = Posting { next, waits: Step::NEVER, departs: false, ended: false, tallies };
+    let posting =
+        Posting { next, waits: Step::NEVER, departs: false, ended: false, life: 0, tallies };
     let object = ObjectRef { owner, serial: 3, segment: 1, offset: 4096, len: 100_000 };
     let peer = |id| Peer {
         federate: FederateId(id),

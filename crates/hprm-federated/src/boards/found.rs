@@ -200,7 +200,8 @@ mod tests {
                     .map(|at| Tally { life, ..tally(u64::from(kind / 4), value + at as i64) })
                     .collect();
                 let waits = Step::end(at(value * i64::from(kind % 2)));
-                boards.read(id, Posting { waits, ..showing(value, &tallies) });
+                let life = boards.postings[id].life;
+                boards.read(id, Posting { waits, life, ..showing(value, &tallies) });
             }
         }
     }

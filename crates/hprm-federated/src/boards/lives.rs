@@ -57,6 +57,7 @@ impl Boards {
             let tallies = self.postings[federate].tallies.len();
             self.postings[federate] = Posting::new(tallies);
         }
+        self.postings[federate].life = life;
         for at in 0..self.own.len() {
             let (channel, tally) = self.own[at];
             if self.other_end(topology, channel) == federate {

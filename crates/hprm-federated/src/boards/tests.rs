@@ -37,8 +37,10 @@ fn posting(tallies: &[Tally]) -> Posting {
 }
 
 impl View {
+    /// Reads what the process shows that is a federate now.
     pub(super) fn read(&mut self, from: u16, posting: Posting) {
-        self.boards.read(FederateId(from), posting);
+        let life = self.boards.postings[FederateId(from)].life;
+        self.boards.read(FederateId(from), Posting { life, ..posting });
     }
 
     pub(super) fn known(&mut self) -> Step {

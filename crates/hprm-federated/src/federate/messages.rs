@@ -16,7 +16,8 @@ impl Federate {
             return;
         }
         let EarlyMessage { channel, tag, payload } = message;
-        if self.is_of_one_not_met(channel) {
+        let from = self.topology.channels().get(channel).map(|channel| channel.from);
+        if from.is_some_and(|from| self.is_not_met(from)) {
             self.outputs.push_back(Output::Discard { payload });
             return;
         }
@@ -41,12 +42,11 @@ impl Federate {
         self.outputs.push_back(Output::Deliver { channel, tag, payload });
     }
 
-    /// With boards: whether a message is of a federate that has ended before this one has got to know it. It is of a tag
-    /// before this one has joined, and the others see on its board that it counts none of them.
-    fn is_of_one_not_met(&self, channel: ChannelId) -> bool {
+    /// With boards: whether a federate has ended before this one has got to know it. What it has sent is of tags before this one
+    /// has joined, and the others see on this one's board that it counts none of that.
+    pub(super) fn is_not_met(&self, federate: FederateId) -> bool {
         let joins_late = self.reads_boards() && self.topology.is_transient(self.me);
-        let from = || self.topology.channels().get(channel).map(|channel| channel.from);
-        joins_late && from().is_some_and(|from| self.startup.life(from).is_none())
+        joins_late && self.startup.life(federate).is_none()
     }
 
     /// A message that gets its tag here, so long after the start.

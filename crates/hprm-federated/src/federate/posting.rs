@@ -156,6 +156,9 @@ impl Federate {
             self.startup.keep_posting(from, posting);
             return Ok(());
         }
+        if self.is_not_met(from) {
+            return Ok(());
+        }
         if !self.showing.as_mut().is_some_and(|showing| showing.elsewhere.came(from)) {
             return Err(Fault::Unexpected { frame: "Posting" });
         }

@@ -198,14 +198,14 @@ where
 }
 
 fn write(posting: &Posting, bytes: &mut Vec<u8>) {
-    let Posting { next, waits, departs, ended, ref tallies } = *posting;
+    let Posting { next, waits, departs, ended, life, ref tallies } = *posting;
     let mut put = |word: u64| bytes.extend_from_slice(&word.to_le_bytes());
     for step in [next, waits] {
         put(step.tag.time.cast_unsigned());
         put(u64::from(step.tag.microstep));
         put(u64::from(step.level));
     }
-    put(u64::from(departs) | u64::from(ended) << 1);
+    put(u64::from(departs) | u64::from(ended) << 1 | u64::from(life) << 32);
     for Tally { messages, latest, life } in tallies {
         put(*messages);
         put(latest.time.cast_unsigned());
@@ -219,13 +219,15 @@ fn read(bytes: &[u8], room: &mut Vec<Tally>) -> Option<Posting> {
     let mut words = words.iter().map(|word| u64::from_le_bytes(*word));
     let next = step(&mut words)?;
     let waits = step(&mut words)?;
-    let flags = words.next()?;
+    let word = words.next()?;
+    let (flags, life) = (word & u64::from(u32::MAX), u32::try_from(word >> 32).ok()?);
     let mut tallies = std::mem::take(room);
     tallies.clear();
     while words.len() >= TALLY {
         tallies.push(tally(&mut words)?);
     }
-    Some(Posting { next, waits, departs: flags & 1 > 0, ended: flags & 2 > 0, tallies })
+    let [departs, ended] = [1, 2].map(|flag| flags & flag > 0);
+    Some(Posting { next, waits, departs, ended, life, tallies })
 }
 
 /// The microstep and the number of the process share a word.
@@ -264,12 +266,13 @@ mod tests {
         let tally = (any::<u64>(), any_tag(), any::<u32>());
         let tally = tally.prop_map(|(messages, latest, life)| Tally { messages, latest, life });
         let tallies = prop::collection::vec(tally, 0..9);
-        let parts = (any_step(), any_step(), any::<bool>(), any::<bool>(), tallies);
-        parts.prop_map(|(next, waits, departs, ended, tallies)| Posting {
+        let parts = (any_step(), any_step(), any::<(bool, bool, u32)>(), tallies);
+        parts.prop_map(|(next, waits, (departs, ended, life), tallies)| Posting {
             next,
             waits,
             departs,
             ended,
+            life,
             tallies,
         })
     }
@@ -307,7 +310,7 @@ mod tests {
     fn counted(messages: u64) -> Posting {
         let tallies = vec![Tally { messages, latest: Tag::START, life: 0 }];
         let (next, waits) = (Step::begin(Tag::START), Step::NEVER);
-        Posting { next, waits, departs: false, ended: false, tallies }
+        Posting { next, waits, departs: false, ended: false, life: 0, tallies }
     }
 
     fn news(boards: &mut Boards) -> Option<(FederateId, Posting)> {

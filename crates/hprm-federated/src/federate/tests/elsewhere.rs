@@ -27,7 +27,7 @@ fn told(outputs: Vec<Output>) -> Vec<(u16, Posting)> {
 
 fn shows(next: i64, waits: Step, tallies: usize) -> Posting {
     let tallies = vec![Tally { messages: 0, latest: Tag::NEVER, life: 0 }; tallies];
-    Posting { next: Step::begin(at(next)), waits, departs: false, ended: false, tallies }
+    Posting { next: Step::begin(at(next)), waits, departs: false, ended: false, life: 0, tallies }
 }
 
 fn from(owner: u16, reader: u16, posting: Posting) -> Frame {

@@ -126,7 +126,8 @@ fn a_federate_does_not_answer_about_one_that_joins_before_it_shows_what_it_has_r
     let c = FederateId(0);
     let tallies = vec![Tally { messages: 0, latest: Tag::NEVER, life: 1 }];
     let next = Step::begin(at(100));
-    let posting = Posting { next, waits: Step::NEVER, departs: false, ended: false, tallies };
+    let posting =
+        Posting { next, waits: Step::NEVER, departs: false, ended: false, life: 1, tallies };
     input(&mut a, 1, Input::NextEvent(at(9)));
     input(&mut a, 1, Input::Board { from: c, posting });
     input(&mut a, 1, Input::NextEvent(at(9)));

@@ -58,8 +58,14 @@ fn postings_are_forwarded_while_the_federation_runs() {
     let posting = |owner, reader| {
         let next = Step::begin(Tag::START);
         let (owner, reader) = (FederateId(owner), FederateId(reader));
-        let posting =
-            Posting { next, waits: Step::NEVER, departs: false, ended: false, tallies: Vec::new() };
+        let posting = Posting {
+            next,
+            waits: Step::NEVER,
+            departs: false,
+            ended: false,
+            life: 0,
+            tallies: Vec::new(),
+        };
         Frame::Posting { owner, reader, posting }
     };
     let fault = Fault::Unexpected { frame: "Posting" };
