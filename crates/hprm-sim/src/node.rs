@@ -85,6 +85,8 @@ pub(crate) struct Node {
     pub(crate) finished: bool,
     pub(crate) ended: Option<End>,
     pub(crate) crashed: bool,
+    /// Whether the RTI has closed its link: the others go on without it, and may agree on a last tag that it has passed.
+    pub(crate) given_up: bool,
     /// Its next wake-up; later wake-ups are void.
     pub(crate) wake: Option<PhysicalTime>,
     launch: Launch,
@@ -166,6 +168,7 @@ impl Node {
             finished: false,
             ended: None,
             crashed: false,
+            given_up: false,
             wake: None,
             launch,
         }
@@ -259,7 +262,8 @@ impl Node {
     /// The record of the process, if it has started.
     pub(crate) fn life(self) -> Option<Life> {
         self.start?;
-        let end = match (self.finished, self.open) {
+        let in_order = self.finished && (!self.given_up || self.has_left());
+        let end = match (in_order, self.open) {
             (true, _) => Ending::InOrder,
             (false, false) => Ending::Between,
             (false, true) => Ending::Within,

@@ -157,7 +157,7 @@ pub struct Life {
 pub enum Ending {
     /// At its last tag.
     InOrder,
-    /// The RTI told it to end, or it was killed, between two tags.
+    /// The RTI told it to end, or has given it up, or it was killed, between two tags.
     Between,
     /// The same within a tag.
     Within,

@@ -663,13 +663,15 @@ impl World {
         }
     }
 
-    /// A process gets the board of the process that is another federate, of those that have one the latest.
+    /// A process gets the board of the process that is another federate, as far as it knows.
     fn attach(&mut self, me: Instance, owner: FederateId) {
         let machines = self.plan.machines.as_ref();
         if machines.is_some_and(|it| !it.share_boards(me.federate, owner)) {
             self.wrong.get_or_insert(format!("{me:?} cannot map a board of {owner:?}, elsewhere"));
         }
-        if let Some(owner) = self.find(owner, |node| node.machine.reads_boards()) {
+        let known = self.node(me).machine.listens_at(owner).map(|address| Instance::at(&address));
+        let latest = |world: &Self| world.find(owner, |node| node.machine.reads_boards());
+        if let Some(owner) = known.or_else(|| latest(self)) {
             self.boards.attach(me, owner);
         }
     }
@@ -728,6 +730,7 @@ impl World {
             let lost = Event::Federate(to, Input::RtiLost);
             self.network.send(now, Place::Rti, Place::Federate(to), lost);
             self.network.sever(Place::Rti, Place::Federate(to));
+            self.node(to).given_up = true;
         }
         self.network.read_no_more(link);
         self.network.at(now, Event::Rti(RtiInput::Closed { link }));
