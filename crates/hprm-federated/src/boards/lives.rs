@@ -2,6 +2,7 @@
 //!
 //! Where there are transient federates, each process has a number, its life, and the other end of a channel counts from zero for
 //! each. What was counted for a former process does not count for its successor, whichever of the two boards is read later.
+//! A posting tells which process shows it, because the last one of a process may be read when its successor is known already.
 //!
 //! One that joins does nothing before a tag that all others have agreed to: each answers from which tag on it takes that
 //! federate into account, and relies on nothing from then on that it has found without it (`federate/meeting.rs`).

@@ -44,6 +44,25 @@ fn what_was_counted_for_a_process_does_not_count_for_its_successor() {
 }
 
 #[test]
+fn what_a_former_process_has_shown_does_not_count_for_its_successor() {
+    let mut c = view(CHAIN, "c");
+    c.read(B.0, showing(90, &[tally(0, 0, 2), tally(0, 0, 0)]));
+    // It has ended, and its board is read again when the successor is known and has shown nothing yet.
+    let last = Posting { ended: true, life: 1, ..showing(40, &[tally(0, 0, 0)]) };
+    c.boards.read(A, last.clone());
+    assert_eq!(c.known().tag, at(90));
+    c.meet(A, 2);
+    c.boards.joins(A, at(50));
+    c.boards.read(A, last);
+    assert_eq!(c.known().tag, at(50), "the successor has not ended");
+    // Nor does a process count before it is met.
+    c.boards.read(A, Posting { life: 3, ..showing(80, &[tally(0, 0, 0)]) });
+    assert_eq!(c.known().tag, at(50));
+    c.boards.read(A, Posting { life: 2, ..showing(80, &[tally(0, 0, 0)]) });
+    assert_eq!(c.known().tag, at(80));
+}
+
+#[test]
 fn both_ends_count_from_zero_for_each_process() {
     let mut b = view("transient a\na -> b\nb -> a", "b");
     b.boards.received(ChannelId(0), at(3));

@@ -52,6 +52,28 @@ fn one_that_joins_takes_nothing_of_one_that_it_has_not_met() {
 }
 
 #[test]
+fn one_that_joins_takes_no_posting_of_one_that_it_has_not_met() {
+    let a = FederateId(0);
+    let text = "transient a\ntransient b\na -> b\nb -> c";
+    let takes = |others: &[Peer]| {
+        let mut b = on_boards(text, "b", others.to_vec());
+        input(&mut b, 0, Input::PeerUp(a));
+        start(&mut b, at(10));
+        let tallies = vec![Tally { messages: 0, latest: Tag::NEVER, life: 1 }];
+        let (next, waits) = (Step::begin(at(30)), Step::NEVER);
+        let posting = Posting { next, waits, departs: false, ended: true, life: 1, tallies };
+        let frame = Frame::Posting { owner: a, reader: b.me(), posting };
+        b.handle(START, Input::FromPeer { from: a, frame })
+    };
+    let elsewhere = Peer { host: HostId(2), ..peer(0, 1) };
+    assert_eq!(takes(&[elsewhere, peer(1, 1), peer(2, 1)]), Ok(()));
+    // It has ended, and its last posting comes over the link that it had opened.
+    assert_eq!(takes(&[peer(1, 1), peer(2, 1)]), Ok(()));
+    let unexpected = Err(Fault::Unexpected { frame: "Posting" });
+    assert_eq!(takes(&[peer(0, 1), peer(1, 1), peer(2, 1)]), unexpected, "it shares memory");
+}
+
+#[test]
 fn a_federate_answers_about_one_that_joins_when_it_shows_that_it_knows_it() {
     let b = FederateId(1);
     let mut a = linked("transient b\na -> b", "a", &[]);
