@@ -7,6 +7,7 @@ import os
 import re
 import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
 from processes import COORDINATIONS, Bench, Outcome, finish, hear, until
@@ -75,12 +76,20 @@ FORWARD = """
 """
 
 
-def ticks(trace: Path, reaction: str) -> list[int]:
-    """The times of a reaction in a logical trace, in steps of 20 ms."""
+def last_line(trace: Path) -> dict[str, Any]:
+    """What a logical trace says of the end of its run."""
+    end: dict[str, Any] = json.loads(trace.read_text().splitlines()[-1])
+    return end
+
+
+def ticks(trace: Path, reaction: str, *, spaced: bool = True) -> list[int]:
+    """The times of a reaction in a logical trace, in steps of 20 ms, at which it runs if spaced."""
     lines = [json.loads(line) for line in trace.read_text().splitlines()]
-    assert all(line["tag"][1] == 0 for line in lines if line.get("reaction") == reaction)
-    times = [line["tag"][0] for line in lines if line.get("reaction") == reaction]
-    assert all(time % 20_000_000 == 0 for time in times)
+    lines = [line for line in lines if line.get("reaction") == reaction]
+    times = [line["tag"][0] for line in lines]
+    if spaced:
+        assert all(line["tag"][1] == 0 for line in lines)
+        assert all(time % 20_000_000 == 0 for time in times)
     return [time // 20_000_000 for time in times]
 
 
@@ -126,7 +135,65 @@ def test_a_federate_that_is_killed_comes_back(bench: Bench, coordination: str) -
     for name in ("Main.up.1", "Main.down.1"):
         assert ticks(trace, name) == list(range(ticks(trace, name)[-1] + 1)), name
     assert len(ticks(trace, "Main.mid.2")) >= 1
-    assert trace.read_text().splitlines()[-1].count('"outcome":"done"') == 1
+    end = last_line(trace)
+    assert (end["outcome"], end["physical"], "missing" in end) == ("done", True, False)
+    compared = finish(bench.call("diff", "trace", "trace"))
+    assert compared.out.splitlines()[0] == (
+        "trace and trace both depend on clocks: "
+        "they decided when a federate came or went, or when all ended"
+    )
+    assert compared.out.splitlines()[1].startswith("equal: ")
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_process_that_joins_by_hand_is_in_the_trace(bench: Bench, coordination: str) -> None:
+    process = bench.start(program(coordination, "", FORWARD, "60 s"), "--logical-trace", "trace")
+    bench.pid("mid0")
+    joined = bench.call("federate", "Main.lf", "mid")
+    bench.pid("mid1")
+    (bench.folder / "stop").touch()
+    for outcome in (finish(process), finish(joined)):
+        assert (outcome.code, outcome.errors) == (0, []), outcome.err
+    trace = bench.folder / "trace"
+    end = last_line(trace)
+    assert (end["outcome"], end["physical"], "missing" in end) == ("done", True, False)
+    begun = ticks(trace, "Main.mid.1", spaced=False)
+    assert len(begun) == 2 and begun == sorted(begun)
+    assert max(ticks(trace, "Main.mid.2")) >= begun[1]
+    assert not list(bench.folder.glob("trace.*"))
+
+
+def test_a_trace_names_the_federates_that_it_has_nothing_of(bench: Bench) -> None:
+    text = program("centralized", "", FORWARD, "60 s")
+    process = bench.start(text, "--logical-trace", "trace")
+    bench.pid("mid0")
+    joined = bench.call("federate", "Main.lf", "mid", "--logical-trace", "own")
+    bench.pid("mid1")
+    (bench.folder / "stop").touch()
+    outcome = finish(process)
+    assert (outcome.code, finish(joined).code) == (0, 0), outcome.err
+    said = (
+        "warning: the trace trace has nothing of a process of federate mid\n  hint: one that joins"
+    )
+    assert outcome.err.count(said) == 1, outcome.err
+    trace, own = bench.folder / "trace", bench.folder / "own"
+    end = last_line(trace)
+    assert (end["outcome"], end["physical"], end["missing"]) == ("done", True, {"mid": 1})
+    assert last_line(own)["outcome"] == "done"
+    # The others are in it to their end.
+    assert ticks(trace, "Main.up.1") == list(range(ticks(trace, "Main.up.1")[-1] + 1))
+    assert end["end"][0] >= ticks(own, "Main.mid.2")[-1] * 20_000_000
+    lines = trace.read_text().splitlines(keepends=True)
+    del end["missing"], end["physical"]
+    (bench.folder / "other").write_text("".join(lines[:-1]) + json.dumps(end) + "\n")
+    compared = finish(bench.call("diff", "trace", "other"))
+    assert compared.err == "warning: trace has nothing of 1 process of federate mid\n"
+    first, second = compared.out.splitlines()
+    assert first.startswith("trace depends on clocks: ") and second.startswith("equal: ")
+    compared = finish(bench.call("diff", "other", "other"))
+    assert (compared.err, len(compared.out.splitlines())) == ("", 1)
+    verdict = json.loads(finish(bench.call("diff", "--json", "trace", "other")).out)
+    assert (verdict["clocks"], verdict["missing"]) == (["trace"], {"trace": {"mid": 1}})
 
 
 @pytest.mark.parametrize("coordination", COORDINATIONS)

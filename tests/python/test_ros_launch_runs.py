@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 from pathlib import Path
 
@@ -282,7 +283,7 @@ def _respawn(bench: Bench, tmp_path: Path, last: str, more: str = "") -> Outcome
     (tmp_path / "counts.py").write_text(COUNTS)
     (tmp_path / "hears.py").write_text(HEARS.replace("LAST", repr(last)))
     (tmp_path / "respawn.launch.py").write_text(RESPAWN.replace("MORE", more))
-    return finish(bench.call("launch", "respawn.launch.py"))
+    return finish(bench.call("launch", "--logical-trace", "a.trace", "respawn.launch.py"))
 
 
 def test_a_node_that_has_ended_comes_back_as_often_as_is_stated(
@@ -300,6 +301,10 @@ def test_a_node_that_has_ended_comes_back_as_often_as_is_stated(
         if (life, count) != (0, 3)
     ]
     assert outcome.err.count("process has died") == 2, outcome.err
+    # The trace has what all of its processes did.
+    lines = [json.loads(it) for it in (tmp_path / "a.trace").read_text().splitlines()]
+    sets = [it["port"] for line in lines for it in line.get("sets", ())]
+    assert sets.count("Scripts.counts_py.count") >= len(heard)
     # Before the last one, the launch is asked to end.
     assert outcome.out.count("counts has ended\n") in (2, 3)
 

@@ -541,6 +541,7 @@ pub(crate) struct FederateArguments {
     #[arg(long, value_name = "HOST[:PORT]")]
     pub(crate) advertise: Option<String>,
     /// Write down what the reactions of this federate read and did: its share of the logical trace.
+    /// Without this, a federate that joins a run of this machine writes for the trace of that run.
     #[arg(long, value_name = "FILE")]
     pub(crate) logical_trace: Option<PathBuf>,
     #[command(flatten)]

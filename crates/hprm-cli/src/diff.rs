@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use crate::args;
 use crate::message::{self, Error, print_line};
-use crate::trace::{Comparison, Judge, digest, hint, moment, sentence, share};
+use crate::trace::{Comparison, Judge, clocks, digest, hint, moment, processes, sentence, share};
 
 /// The exit code for traces that differ.
 pub(crate) const DIVERGENCE: u8 = 3;
@@ -33,8 +33,13 @@ fn compare(arguments: &args::Diff) -> Result<ExitCode, Error> {
     // One that breaks off does not say how its run ended.
     let has_failed = |end: &End, whole| whole && end.outcome == RunEnding::Failed;
     let failed = ends.iter().filter(|(_, end, whole)| has_failed(end, *whole));
+    let marked = ends.iter().filter(|(_, end, _)| end.physical);
+    let incomplete = ends.iter().filter(|(_, end, _)| !end.missing.is_empty());
     if arguments.verdict.json {
         let mut verdict = as_json(&comparison, names);
+        verdict["clocks"] = marked.map(|(name, ..)| json!(name)).collect();
+        let missing = incomplete.map(|(name, end, _)| ((*name).to_owned(), json!(end.missing)));
+        verdict["missing"] = missing.collect();
         verdict["cut"] = cut.map(|(name, ..)| json!(name)).collect();
         verdict["failed"] = failed.map(|(name, ..)| json!(name)).collect();
         print_line(&verdict.to_string());
@@ -49,6 +54,14 @@ fn compare(arguments: &args::Diff) -> Result<ExitCode, Error> {
             let what =
                 format!("the run of {name} has failed at {end}: later tags are not compared");
             Error::new(what).show_as_warning();
+        }
+        for (name, end, _) in incomplete {
+            let what = format!("{name} has nothing of {}", processes(&end.missing));
+            Error::new(what).show_as_warning();
+        }
+        let marked: Vec<&str> = marked.map(|(name, ..)| *name).collect();
+        if let Some(line) = clocks(&marked) {
+            print_line(&line);
         }
         match &comparison.divergence {
             Some(divergence) => {

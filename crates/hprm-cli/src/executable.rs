@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use hprm::launch::Membership;
 use hprm::recorder::TRACE;
+use hprm::trace::TraceShare;
 use hprm::{Address, Failure, FederationId, Handover, Meeting, Security, TlsFiles};
 use hprm_core::FederateId;
 use hprm_declared::Declaration;
@@ -144,7 +145,7 @@ pub(crate) fn launched(
 pub(crate) fn replacing(
     compiled: &Compiled,
     arguments: &FederateArguments,
-    (rti, federation): (&Address, FederationId),
+    (rti, federation, share): (&Address, FederationId, Option<TraceShare>),
     connect_timeout: Duration,
 ) -> Result<Option<(Command, File)>, Error> {
     let name = arguments.name.as_str();
@@ -160,7 +161,7 @@ pub(crate) fn replacing(
     handover.launched = false;
     handover.connect_timeout = connect_timeout.as_secs_f64();
     handover.advertise.clone_from(&arguments.advertise);
-    handover.logical_trace = arguments.logical_trace.clone().map(|path| (path, None));
+    handover.logical_trace = share.map(|share| (share.file, Some(share.trace)));
     let mut command = started(executable);
     if let Some(request) = arguments.tracing.request(None) {
         command.env(TRACE, request.variable());

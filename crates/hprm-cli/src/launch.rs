@@ -10,14 +10,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use hprm::Descriptions;
-use hprm::launch::{Launch, Membership};
+use hprm::launch::{Launch, Launching, Membership};
 use hprm::recorder::TraceRequest;
 use hprm::supervisor::Advice;
 use hprm::{
-    Address, Failure, FederationId, HangTimeout, Report, STAGE, Security, THROUGH_AGENT,
-    random_bytes, random_federation,
+    Failure, FederationId, HangTimeout, Report, STAGE, Security, THROUGH_AGENT, random_bytes,
+    random_federation,
 };
-use hprm_core::{FederateId, Program};
+use hprm_core::FederateId;
 use hprm_model::Compiled;
 
 use crate::args::{PYTHON, Properties};
@@ -80,7 +80,7 @@ pub(crate) fn launch(compiled: &Compiled, plan: &Plan) -> Result<i32, Error> {
     .start()?;
     signals::outlive()?;
     let is_transient = program.federates.values().any(|federate| federate.transient);
-    let visible = || Visible::new(plan, program, launching.rti(), federation);
+    let visible = || Visible::new(plan, &launching, federation);
     let _visible = is_transient.then(visible).transpose()?;
     let descriptions = Descriptions::of(compiled).map_err(|error| {
         Error::new(format!("cannot hand the declarations of executables to federates: {error}"))
@@ -123,13 +123,8 @@ struct Visible {
 }
 
 impl Visible {
-    fn new(
-        plan: &Plan,
-        program: &Program,
-        rti: &Address,
-        federation: FederationId,
-    ) -> Result<Self, Error> {
-        let file = &plan.file;
+    fn new(plan: &Plan, launching: &Launching, federation: FederationId) -> Result<Self, Error> {
+        let (file, program) = (&plan.file, launching.program());
         // Without this, of two federations of the program that start at once, both made the commands, or none.
         let _alone = registry::alone();
         let is_left = registry::sweep(file);
@@ -137,8 +132,9 @@ impl Visible {
         let inherits = is_left || others.iter().any(|other| other.made);
         let commands = launcher::write(program, file, inherits)?;
         let properties = plan.properties.stated();
-        let mut record = Record::new(file, rti, federation, properties, &plan.python);
+        let mut record = Record::new(file, launching.rti(), federation, properties, &plan.python);
         record.made = !commands.is_empty();
+        record.shares = launching.shares().map(|shares| (shares.file, shares.trace));
         // The program itself runs without.
         let entry = registry::enter(&record).map_err(|error| {
             error

@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 
 use hprm::Address;
 use hprm::FederationId;
+use hprm::trace::{Parts, TraceShare};
 use rustix::fs::{FlockOperation, flock};
 use rustix::process::geteuid;
 use serde::{Deserialize, Serialize};
@@ -39,6 +40,9 @@ pub(crate) struct Record {
     pub(crate) python: PathBuf,
     /// Whether it has made the commands that start its transient federates, and removes them.
     pub(crate) made: bool,
+    /// If its logical trace is recorded: the folder for the shares of processes, and how the user calls the trace.
+    #[serde(default)]
+    pub(crate) shares: Option<(PathBuf, PathBuf)>,
 }
 
 impl Record {
@@ -57,7 +61,22 @@ impl Record {
             properties,
             python: python.to_owned(),
             made: false,
+            shares: None,
         }
+    }
+
+    /// What a process that joins as a federate writes of the logical trace; none if there is no room for it here.
+    ///
+    /// # Errors
+    ///
+    /// If the system has no random numbers.
+    pub(crate) fn share(&self, federate: &str) -> Result<Option<TraceShare>, Error> {
+        let Some((folder, trace)) = &self.shares else { return Ok(None) };
+        if !folder.is_dir() {
+            return Ok(None);
+        }
+        let shares = TraceShare::new(folder.clone(), Some(trace.clone()));
+        Ok(Some(Parts::share_of_joined(shares, federate)?))
     }
 
     /// The secret of the federation.

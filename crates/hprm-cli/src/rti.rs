@@ -227,7 +227,7 @@ fn message_of(program: &Program, event: RtiEvent) -> Result<Option<String>, Box<
         RtiEvent::Left(federate) => {
             format!("federate {} has left before the start; it may join again", name(federate))
         }
-        RtiEvent::Loaded(_) | RtiEvent::Closing => return Ok(None),
+        RtiEvent::Loaded(_) | RtiEvent::Entered(_) | RtiEvent::Closing => return Ok(None),
         RtiEvent::Started(_) => "the federation starts".to_owned(),
         RtiEvent::Silent { federate, silence } => on_silent(name(federate), silence),
         RtiEvent::Answers { federate, silence } => on_answer(name(federate), silence),

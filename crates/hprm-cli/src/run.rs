@@ -9,7 +9,8 @@ use std::time::Duration;
 
 use hprm::launch::die_with_parent;
 use hprm::recorder::TRACE;
-use hprm::{Security, Stage};
+use hprm::trace::TraceShare;
+use hprm::{Address, Security, Stage};
 use hprm_core::{FederateId, Program, means_federate};
 use hprm_model::Compiled;
 
@@ -17,11 +18,11 @@ use crate::args::{FederateArguments, Interpreter, Properties, Run};
 use crate::join::Found;
 use crate::launch::{self, FEDERATION_ID, PROPERTIES, Plan};
 use crate::message::{self, Error};
-use crate::registry::Record;
+use crate::registry::{self, Record};
 use crate::source::Program as Wanted;
 use crate::{
     check, declare, executable, frames, hosts, join, outputs, python, remote, rti, secret, signals,
-    threads,
+    threads, trace,
 };
 
 /// Runs a program to its end.
@@ -198,9 +199,10 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
         Some(secret) => (secret, arguments.connect_timeout),
         None => secret::of_federate(&arguments.secret, arguments.connect_timeout)?,
     };
+    let share = share(arguments, running.as_ref(), &rti)?;
     let is_declared = known.is_some() && declare::is_python(&arguments.file);
     if let Some(compiled) = known {
-        let place = (&rti, secret);
+        let place = (&rti, secret, share.clone());
         let command = executable::replacing(&compiled, arguments, place, connect_timeout)?;
         if let Some((mut command, _kept)) = command {
             check::show_warnings(&compiled);
@@ -219,9 +221,7 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
     if let Some(advertise) = &arguments.advertise {
         command.arg("--advertise").arg(advertise);
     }
-    if let Some(path) = &arguments.logical_trace {
-        command.arg("--logical-trace").arg(path);
-    }
+    command.args(share.iter().flat_map(trace::share_options));
     if let Some(request) = arguments.tracing.request(None) {
         command.env(TRACE, request.variable());
     }
@@ -230,6 +230,21 @@ pub(crate) fn federate(arguments: &FederateArguments) -> Result<ExitCode, Error>
     command.arg("--").arg(&arguments.file).arg(&arguments.name).args(arguments.arguments.all());
     command.env(FEDERATION_ID, secret.to_string());
     Err(replace(command))
+}
+
+/// What a process writes that joins: the file that the user names, or its share of the trace that is recorded of the
+/// federation here.
+fn share(
+    arguments: &FederateArguments,
+    running: Option<&Record>,
+    rti: &Address,
+) -> Result<Option<TraceShare>, Error> {
+    if let Some(path) = &arguments.logical_trace {
+        return Ok(Some(TraceShare::new(path.clone(), None)));
+    }
+    // If the user says where the RTI is and what its secret is, that may be a federation on record.
+    let found = if running.is_none() { registry::at(rti) } else { None };
+    running.or(found.as_ref()).map_or(Ok(None), |record| record.share(&arguments.name))
 }
 
 /// Lets target properties be those of the process that has started this one, or of the federation that runs.

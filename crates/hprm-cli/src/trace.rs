@@ -9,7 +9,7 @@ use std::ffi::OsString;
 
 pub(crate) use compare::{Comparison, Judge, digest};
 use hprm::trace::TraceShare;
-pub(crate) use say::{hint, moment, sentence, share};
+pub(crate) use say::{clocks, hint, moment, processes, sentence, share};
 
 /// The options of an interpreter that writes such a share of a trace.
 pub(crate) fn share_options(share: &TraceShare) -> Vec<OsString> {

@@ -124,6 +124,11 @@ pub enum RtiOutput {
         /// The federate.
         federate: FederateId,
     },
+    /// A federate takes part that has joined the running federation.
+    Entered {
+        /// The federate.
+        federate: FederateId,
+    },
     /// All federates are ready, and know the time of tag zero.
     Started {
         /// The physical time of tag zero.

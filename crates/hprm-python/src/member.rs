@@ -3,6 +3,7 @@
 //!
 //! Which processes there are, and what becomes of their signals and their output, is up to that Python.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -74,6 +75,8 @@ pub(crate) struct LocalRti {
     program: Arc<Program>,
     /// The shares of the logical trace, until it is made.
     parts: Mutex<Option<Parts>>,
+    /// How often each federate has asked for the place of its share.
+    starts: Mutex<BTreeMap<String, u32>>,
 }
 
 /// Starts an RTI for the federation that `declared` declares, which listens at an address. There will be a logical trace
@@ -133,7 +136,8 @@ fn start(
     let spawned = thread::Builder::new().name("rti".to_owned()).spawn(run);
     spawned.map_err(|error| Failure::system("cannot start a thread", &error))?;
     let federation = federation.to_string();
-    Ok(LocalRti { handle, address, federation, ended: Mutex::new(ended), program, parts })
+    let (ended, starts) = (Mutex::new(ended), Mutex::default());
+    Ok(LocalRti { handle, address, federation, ended, program, parts, starts })
 }
 
 /// Tells Python what has become of a federate, unless that is what is to be expected.
@@ -156,6 +160,7 @@ fn tell(listener: &Py<PyAny>, program: &Program, event: RtiEvent) {
         RtiEvent::Joined(_)
         | RtiEvent::Left(_)
         | RtiEvent::Loaded(_)
+        | RtiEvent::Entered(_)
         | RtiEvent::Started(_)
         | RtiEvent::Closing => return,
     };
@@ -173,10 +178,15 @@ impl LocalRti {
         self.handle.request_stop();
     }
 
-    /// Where a federate writes its share of the logical trace, and what the user calls that; None if there is none.
+    /// Where the next process of a federate writes its share of the logical trace, and what the user calls that; None if
+    /// there is none.
     fn share(&self, federate: &str) -> Option<(PathBuf, PathBuf)> {
         let parts = self.parts.lock().unwrap_or_else(PoisonError::into_inner);
-        parts.as_ref().map(|parts| parts.share(federate, 0)).map(|share| (share.file, share.trace))
+        let parts = parts.as_ref()?;
+        let mut starts = self.starts.lock().unwrap_or_else(PoisonError::into_inner);
+        let restarts = starts.entry(federate.to_owned()).and_modify(|it| *it += 1).or_default();
+        let share = parts.share(federate, *restarts);
+        Some((share.file, share.trace))
     }
 
     /// Makes the logical trace, if there is to be one, when all federates have ended; the first of them that has failed

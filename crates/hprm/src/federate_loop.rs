@@ -503,6 +503,8 @@ where
         let tag = self.scheduler.tag();
         self.workers.run_tag(&mut self.scheduler, &mut self.host)?;
         let is_last = self.scheduler.end(Clock::now);
+        // Whatever becomes of this process, the trace has what others receive of this tag.
+        self.workers.write_trace()?;
         self.phase = Phase::Running;
         self.send_all()?;
         self.host.tag_is_sent();

@@ -33,7 +33,9 @@ use crate::supervisor::{
     Advice, Driver, FederateEnding, Members, Observation, Order, Outcome, Supervisor,
 };
 use crate::trace::{Parts, TraceShare};
-use crate::{Address, Failure, FederationId, HangTimeout, Label, Report, RtiHandle, Security};
+use crate::{
+    Address, Failure, FederationId, HangTimeout, Label, Report, RtiEvent, RtiHandle, Security,
+};
 pub use group::{GROUP_HOME, Group, GroupLimits};
 pub use limits::{need_files, unstarted};
 pub use parent::die_with_parent;
@@ -146,6 +148,18 @@ impl Launching {
         self.rti.address()
     }
 
+    /// The program of the federation.
+    #[must_use]
+    pub fn program(&self) -> &Arc<Program> {
+        &self.launch.program
+    }
+
+    /// Where processes that join write their shares of the logical trace, if it is recorded.
+    #[must_use]
+    pub fn shares(&self) -> Option<TraceShare> {
+        self.parts.as_ref().map(Parts::shares)
+    }
+
     /// Starts the federates, and runs the federation to its end, as [`Launch::run`] does.
     ///
     /// # Errors
@@ -166,9 +180,11 @@ impl Launching {
             supervisor.leave(debugged);
         }
         let started = Started { launching: &self, command: &mut command, again: BTreeMap::new() };
-        let mut launched = Launched { children, rti: self.rti.handle().clone(), started, tell };
+        let (rti, took_part) = (self.rti.handle().clone(), BTreeMap::new());
+        let mut launched = Launched { children, rti, started, took_part, tell };
         let Outcome { code, is_traced } = supervisor.run(&mut launched, &self.arrivals);
         launched.rti.abort();
+        let took_part = std::mem::take(&mut launched.took_part);
         drop(launched);
         // The RTI records as long as it runs. It may wait for room among the events.
         drop(self.arrivals);
@@ -177,6 +193,7 @@ impl Launching {
             tell(Label::Warning, report);
         }
         if let Some(parts) = self.parts.take().filter(|_| is_traced) {
+            let parts = parts.of_processes(took_part);
             parts.merge(&program, supervisor.is_interrupted(), code, tell)?;
         }
         Ok(code)
@@ -233,6 +250,8 @@ struct Launched<'a> {
     children: Children,
     rti: RtiHandle,
     started: Started<'a>,
+    /// How many processes of each federate took part, also of those that others have started.
+    took_part: BTreeMap<FederateId, u32>,
     tell: &'a mut dyn FnMut(Label, Report),
 }
 
@@ -256,8 +275,14 @@ impl Launched<'_> {
 
 impl Driver for Launched<'_> {
     fn observe(&mut self, event: Observation, has_not_failed: bool) -> Observation {
-        if let Observation::Ended { federate, how } = &event {
-            self.children.reap(*federate, *how == FederateEnding::Code(0) && has_not_failed);
+        match &event {
+            Observation::Ended { federate, how } => {
+                self.children.reap(*federate, *how == FederateEnding::Code(0) && has_not_failed);
+            }
+            Observation::Rti(RtiEvent::Loaded(federate) | RtiEvent::Entered(federate)) => {
+                *self.took_part.entry(*federate).or_default() += 1;
+            }
+            _ => {}
         }
         event
     }

@@ -80,6 +80,8 @@ pub enum RtiEvent {
     Left(FederateId),
     /// A federate has loaded its program, before the federation starts.
     Loaded(FederateId),
+    /// A federate takes part that has joined the running federation.
+    Entered(FederateId),
     /// All have joined and loaded; the program starts at this time.
     Started(PhysicalTime),
     /// A federate has not answered for that many nanoseconds. It may compute for long, or hang.
@@ -469,6 +471,7 @@ impl Rti {
                 }
                 RtiOutput::Left { federate } => report(RtiEvent::Left(federate)),
                 RtiOutput::Loaded { federate } => report(RtiEvent::Loaded(federate)),
+                RtiOutput::Entered { federate } => report(RtiEvent::Entered(federate)),
                 RtiOutput::Started { at } => {
                     self.links.acceptor.inner.become_busy();
                     self.recording.started(at);

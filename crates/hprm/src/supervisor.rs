@@ -353,6 +353,8 @@ impl Supervisor {
                 federate.renewal.iter_mut().for_each(Renewal::joined);
             }
             RtiEvent::Closing => self.is_closing = true,
+            // Only what is made of their traces counts them.
+            RtiEvent::Entered(_) => {}
             RtiEvent::Loaded(federate) => self.federates[federate].loaded = true,
             RtiEvent::Left(federate) => self.federates[federate].left = true,
             RtiEvent::Started(_) => self.started = true,

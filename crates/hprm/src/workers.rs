@@ -258,6 +258,15 @@ impl<V: Clone> Workers<V> {
         Ok(ran)
     }
 
+    /// Writes what the trace has of the tag, which is over, if there is a trace.
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be written.
+    pub(crate) fn write_trace(&mut self) -> Result<(), Failure> {
+        self.trace.as_mut().map_or(Ok(()), Trace::flush)
+    }
+
     /// Ends the trace, if there is one, with what became of the run.
     ///
     /// # Errors

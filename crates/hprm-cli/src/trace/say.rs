@@ -1,5 +1,7 @@
 //! Differences in sentences for people, and how much was compared.
 
+use std::collections::BTreeMap;
+
 use hprm::trace::Described;
 use hprm::trace::line::{At, How, Read, Reason, Schedule, ScheduleOutcome, Set, Which};
 
@@ -8,6 +10,25 @@ use super::compare::{Comparison, Difference, Divergence};
 /// A tag: `(10000000 ns, 0)`.
 pub(crate) fn moment((time, microstep): At) -> String {
     format!("({time} ns, {microstep})")
+}
+
+/// That clocks decided on these runs, which say so at their ends.
+pub(crate) fn clocks(marked: &[&str]) -> Option<String> {
+    let runs = match marked {
+        [] => return None,
+        [run] => format!("{run} depends"),
+        [a, b, ..] => format!("{a} and {b} both depend"),
+    };
+    Some(format!("{runs} on clocks: they decided when a federate came or went, or when all ended"))
+}
+
+/// Processes of federates, by how many of each.
+pub(crate) fn processes(missing: &BTreeMap<String, u32>) -> String {
+    let of_each = missing.iter().map(|(federate, count)| {
+        let processes = if *count == 1 { "process" } else { "processes" };
+        format!("{count} {processes} of federate {federate}")
+    });
+    of_each.collect::<Vec<_>>().join(" and ")
 }
 
 /// Where two traces part, and what each has there.

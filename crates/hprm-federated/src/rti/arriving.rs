@@ -448,6 +448,7 @@ impl Rti {
         self.advance.join(&self.topology, federate, first);
         let at = self.start;
         self.outputs.push_back(RtiOutput::Send { link, frame: Frame::Start { at, first } });
+        self.outputs.push_back(RtiOutput::Entered { federate });
         self.send_grants();
         self.admit_arrivals();
     }

@@ -196,9 +196,10 @@ impl Scenario {
                     format!("{to} {what}")
                 }
                 RtiOutput::Finished => "finished".to_owned(),
-                RtiOutput::Joined { .. } | RtiOutput::Close { .. } | RtiOutput::Refused { .. } => {
-                    continue;
-                }
+                RtiOutput::Joined { .. }
+                | RtiOutput::Entered { .. }
+                | RtiOutput::Close { .. }
+                | RtiOutput::Refused { .. } => continue,
                 RtiOutput::Dropped { federate, message, .. } => {
                     format!("{} is dropped: {message}", name(federate))
                 }

@@ -217,6 +217,9 @@ pub struct End {
     /// Whether this is the share of a federate that left before the others. The merged trace has none.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub early: bool,
+    /// The federates of which processes took part that have left nothing here, with how many of them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub missing: BTreeMap<String, u32>,
 }
 
 /// How a run ended, from good to bad.
@@ -296,6 +299,7 @@ mod tests {
             &full,
             r#"{"end":[10,0],"outcome":"done"}"#,
             r#"{"end":[10,0],"outcome":"failed","message":"no","physical":true,"tardy":3}"#,
+            r#"{"end":[10,0],"outcome":"done","physical":true,"missing":{"a":2}}"#,
         ] {
             let line: Line = serde_json::from_str(text).unwrap();
             assert_eq!(serde_json::to_string(&line).unwrap(), text);

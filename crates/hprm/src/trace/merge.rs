@@ -10,8 +10,18 @@ use super::line::{End, Entry, Header, Line, RunEnding};
 use super::{Draft, Reader};
 use crate::Failure;
 
-/// Merges shares by tag, level and place in the program into the file `path`. `interrupted` tells
-/// that the user has stopped the run, which federates do not know of.
+/// What is known of a run apart from its shares.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub(super) struct Known<'a> {
+    /// A federate of which there is no share at all.
+    pub(super) absent: Option<&'a str>,
+    /// How many processes of which federates have left no share.
+    pub(super) missing: BTreeMap<String, u32>,
+    /// Whether the user has stopped the run, which federates do not know of.
+    pub(super) interrupted: bool,
+}
+
+/// Merges shares by tag, level and place in the program into the file `path`.
 ///
 /// # Errors
 ///
@@ -19,8 +29,7 @@ use crate::Failure;
 pub(super) fn merge<R: BufRead + Seek>(
     program: &Program,
     mut shares: Vec<Reader<R>>,
-    missing: Option<&str>,
-    interrupted: bool,
+    known: Known<'_>,
     path: &Path,
 ) -> Result<(), Failure> {
     let unwritten = |error| Failure::trace(path, &error);
@@ -41,23 +50,27 @@ pub(super) fn merge<R: BufRead + Seek>(
             draft.write(&Line::Entry(entry)).map_err(unwritten)?;
         }
     }
-    let mut end = common_end(shares.iter().map(|share| &share.end), missing);
-    if interrupted && end.outcome == RunEnding::Done {
+    let mut end = common_end(shares.iter().map(|share| &share.end), known.absent);
+    if known.interrupted && end.outcome == RunEnding::Done {
         end.outcome = RunEnding::Interrupted;
     }
+    // At which tag one process takes the place of another one depends on clocks.
+    end.physical |= !known.missing.is_empty();
+    end.missing = known.missing;
     draft.write(&Line::End(end)).and_then(|()| draft.publish()).map_err(unwritten)
 }
 
 /// The end of all: as early as that of the first, but for those that left before the others, and as
 /// bad as that of the worst.
-fn common_end<'a>(ends: impl Iterator<Item = &'a End>, missing: Option<&str>) -> End {
-    let absent = missing.map(|name| End {
+fn common_end<'a>(ends: impl Iterator<Item = &'a End>, absent: Option<&str>) -> End {
+    let absent = absent.map(|name| End {
         end: (0, 0),
         outcome: RunEnding::Failed,
         message: Some(format!("federate {name} has left no trace")),
         physical: false,
         tardy: 0,
         early: false,
+        missing: BTreeMap::new(),
     });
     let all = ends.cloned().chain(absent);
     let merged = all.reduce(|a, b| End {
@@ -76,6 +89,7 @@ fn common_end<'a>(ends: impl Iterator<Item = &'a End>, missing: Option<&str>) ->
         },
         physical: a.physical || b.physical,
         tardy: a.tardy + b.tardy,
+        missing: BTreeMap::new(),
     });
     let merged = merged.expect("a federation has a federate");
     End { early: false, ..merged }
@@ -109,11 +123,11 @@ mod tests {
         b.build().unwrap()
     }
 
-    fn merged(shares: [&str; 2], missing: Option<&str>, interrupted: bool) -> Vec<String> {
+    fn merged(shares: [&str; 2], known: Known<'_>) -> Vec<String> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("all");
         let shares = shares.map(|lines| trace("share", lines)).into();
-        merge(&program(), shares, missing, interrupted, &path).unwrap();
+        merge(&program(), shares, known, &path).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
         let header = HEADER.replace("false", "true");
         text.strip_prefix(&header).unwrap().lines().map(str::to_owned).collect()
@@ -126,20 +140,34 @@ mod tests {
 
     #[test]
     fn entries_stand_by_tag_and_level() {
-        let all =
-            merged([&format!("{SINK}{DONE}"), &format!("{SOURCE}{LATER}{DONE}")], None, false);
+        let shares = [&*format!("{SINK}{DONE}"), &format!("{SOURCE}{LATER}{DONE}")];
+        let all = merged(shares, Known::default());
         let end = "{\"end\":[9,0],\"outcome\":\"done\",\"tardy\":2}\n";
         assert_eq!(all, [SOURCE, SINK, LATER, end].map(str::trim_end));
     }
 
     #[test]
     fn the_end_is_that_of_the_worst() {
-        let broken = merged([&format!("{SINK}{DONE}"), &format!("{SOURCE}{LATER}")], None, true);
+        let known = Known { interrupted: true, ..Known::default() };
+        let shares = [&*format!("{SINK}{DONE}"), &format!("{SOURCE}{LATER}")];
+        let broken = merged(shares, known.clone());
         assert_eq!(broken.len(), 4);
         assert!(broken[3].starts_with("{\"end\":[3,0],\"outcome\":\"failed\""), "{}", broken[3]);
-        let absent = merged([&format!("{SINK}{DONE}"), DONE], Some("x"), false);
+        let shares = [&*format!("{SINK}{DONE}"), DONE];
+        let absent = merged(shares, Known { absent: Some("x"), ..Known::default() });
         assert!(absent[1].contains("federate x has left no trace"), "{}", absent[1]);
-        let stopped = merged([&format!("{SINK}{DONE}"), DONE], None, true);
+        let stopped = merged(shares, known);
         assert!(stopped[1].contains("interrupted"), "{}", stopped[1]);
+    }
+
+    #[test]
+    fn the_end_tells_which_processes_have_left_nothing() {
+        let missing = BTreeMap::from([("sink".to_owned(), 2)]);
+        let told = merged([DONE, DONE], Known { missing, ..Known::default() });
+        assert!(
+            told[0].ends_with("\"physical\":true,\"tardy\":2,\"missing\":{\"sink\":2}}"),
+            "{}",
+            told[0]
+        );
     }
 }

@@ -158,7 +158,15 @@ fn tail(source: &mut (impl Read + Seek)) -> io::Result<(End, bool)> {
     };
     let message = Some("the trace breaks off: its process has not ended in order".to_owned());
     Ok((
-        End { end, outcome: RunEnding::Failed, message, physical: false, tardy: 0, early: false },
+        End {
+            end,
+            outcome: RunEnding::Failed,
+            message,
+            physical: false,
+            tardy: 0,
+            early: false,
+            missing: BTreeMap::new(),
+        },
         false,
     ))
 }

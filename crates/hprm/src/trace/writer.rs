@@ -3,6 +3,7 @@
 //! The entries of one tag wait until it is over, because workers may finish in another order than
 //! the one in which entries stand in the file.
 
+use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -156,12 +157,18 @@ impl Trace {
             physical: scheduler.stops_physically(),
             tardy: self.tardy,
             early: scheduler.leaves_early(),
+            missing: BTreeMap::new(),
         };
         self.flush()?;
         locked(&self.output).end(end).map_err(|error| Failure::trace(&self.name, &error))
     }
 
-    fn flush(&mut self) -> Result<(), Failure> {
+    /// Writes the entries of a tag that is over, and hands them to the system.
+    ///
+    /// # Errors
+    ///
+    /// If the file cannot be written.
+    pub(crate) fn flush(&mut self) -> Result<(), Failure> {
         self.waiting.sort_unstable_by_key(|(place, _)| *place);
         let mut output = locked(&self.output);
         for (_, entry) in self.waiting.drain(..) {
@@ -236,6 +243,7 @@ pub fn cut_traces() {
             physical: true,
             tardy: output.tardy,
             early: false,
+            missing: BTreeMap::new(),
         };
         let _ = output.end(end);
     }
