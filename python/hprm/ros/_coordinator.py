@@ -28,7 +28,7 @@ from hprm.ros._functions import Functions
 from hprm.ros._graph import Graph, Script, identifier, mismatches
 from hprm.ros._lines import write_line
 from hprm.ros._meeting import properties, run_member
-from hprm.ros._members import Member, Plan
+from hprm.ros._members import NO_NODES_IF_FAST, Member, Plan
 from hprm.ros._messages import find_beside
 from hprm.ros._zenoh.session import BridgeError, Settings, open_session
 
@@ -61,7 +61,7 @@ _TOO_MANY = (
 _NO_PLACE = (
     f"functions of handlers start at most {SPARES} nodes once the others run\n"
     "  hint: state nodes as actions of handlers, of which there may be any number",
-    "with --fast, a handler starts no nodes: they would join at a time of the clock",
+    NO_NODES_IF_FAST,
 )
 
 #: What ends a federation if all processes end well.

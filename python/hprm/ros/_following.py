@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -14,11 +13,10 @@ from hprm.ros._launch._plans import LaunchError, LaunchPlan, NodePlan, ProcessPl
 from hprm.ros._launch._reactions import Kind, Reaction
 from hprm.ros._launch.events import ExecutionComplete, Shutdown
 from hprm.ros._launch.events.process import ProcessExited, ProcessIO, ProcessStarted
-from hprm.ros._members import Member, Plan
+from hprm.ros._members import NO_NODES_IF_FAST, Member, Plan
+from hprm.ros._turns import of_scripts
 
 Stated = NodePlan | ProcessPlan
-
-_OWN = os.path.dirname(os.path.abspath(__file__)) + os.sep
 
 
 @dataclass
@@ -91,10 +89,7 @@ class Following:
         """Raise a ``LaunchError`` if a node starts later: it would read the clock."""
         for plan in self.later:
             if plan.is_member:
-                raise LaunchError(
-                    f"{self._places[id(plan)]}: with --fast, a handler starts no nodes: they would"
-                    " join at a time of the clock"
-                )
+                raise LaunchError(f"{self._places[id(plan)]}: {NO_NODES_IF_FAST}")
 
     def started(self, member: Member) -> Answer:
         """Answer that a process has started."""
@@ -236,10 +231,6 @@ def _told(error: BaseException, place: str) -> str:
     """Tell what is wrong in a function of a launch file, and where."""
     if isinstance(error, LaunchError):
         return str(error) if place in str(error) else f"{place}: {error}"
-    frames = [
-        it
-        for it in traceback.extract_tb(error.__traceback__)
-        if not it.filename.startswith((_OWN, "<frozen "))
-    ]
-    where = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else place
+    frame = of_scripts(traceback.extract_tb(error.__traceback__))
+    where = place if frame is None else f"{frame.filename}:{frame.lineno}"
     return f"{where}: {type(error).__name__}: {error}"

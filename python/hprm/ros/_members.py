@@ -18,6 +18,9 @@ from hprm.ros._graph import Endpoint
 from hprm.ros._launch._plans import Respawn
 from hprm.ros._meeting import COORDINATOR
 
+#: Why no handler of a launch file starts a node with ``--fast``.
+NO_NODES_IF_FAST = "with --fast, a handler starts no nodes: they would join at a time of the clock"
+
 
 @dataclass(frozen=True)
 class Plan:

@@ -33,9 +33,14 @@ NOT_OF_SCRIPTS = (
 def place(ident: int) -> str:
     """Return where a thread is in the code of its script, as a traceback shows it."""
     frame = sys._current_frames().get(ident)
-    frames = [] if frame is None else traceback.extract_stack(frame)
-    theirs = [it for it in frames if not it.filename.startswith(NOT_OF_SCRIPTS)]
-    return "".join(traceback.format_list(theirs[-1:]))
+    theirs = None if frame is None else of_scripts(traceback.extract_stack(frame))
+    return "" if theirs is None else "".join(traceback.format_list([theirs]))
+
+
+def of_scripts(frames: traceback.StackSummary) -> traceback.FrameSummary | None:
+    """Return the innermost frame that is of a script of the user; none if there is none."""
+    theirs = (it for it in reversed(frames) if not it.filename.startswith(NOT_OF_SCRIPTS))
+    return next(theirs, None)
 
 
 class Waiter:
