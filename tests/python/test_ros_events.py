@@ -494,7 +494,7 @@ def add(request, response):
 
 
 node.create_service(AddTwoInts, "add", add, qos_profile=weak)
-client = node.create_client(AddTwoInts, "add", qos_profile=QoSProfile(depth=1))
+client = node.create_client(AddTwoInts, "add", qos_profile=weak)
 future = client.call_async(AddTwoInts.Request(a=1, b=2))
 rclpy.spin_until_future_complete(node, future)
 print(future.result().sum)
@@ -506,7 +506,7 @@ print(told.qos_profile.deadline.nanoseconds, told.qos_profile.lifespan.nanosecon
 """
 
 
-def test_requests_pass_whatever_the_policies_are_and_policies_are_known(run) -> None:
+def test_requests_pass_if_policies_are_equal_and_policies_are_known(run) -> None:
     assert run(SERVES, "--fast", "true") == ["3", "TRANSIENT_LOCAL", "2000000000 0"]
 
 

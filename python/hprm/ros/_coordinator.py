@@ -30,6 +30,7 @@ from hprm.ros._lines import write_line
 from hprm.ros._meeting import properties, run_member
 from hprm.ros._members import NO_NODES_IF_FAST, Member, Plan
 from hprm.ros._messages import find_beside
+from hprm.ros._offers import matched
 from hprm.ros._zenoh.session import BridgeError, Settings, open_session
 
 if TYPE_CHECKING:
@@ -276,9 +277,9 @@ class Coordinator:
             return
         if self._rti is not None or self._is_refused or not members:
             return
-        served = {e.name for it in self.members for e in it.endpoints if e.kind == "service"}
+        endpoints = [endpoint for it in self.members for endpoint in it.endpoints]
         for member in members:
-            if member.looks_for in served:
+            if member.looks_for and matched(member.looks_for, endpoints):
                 member.looks_for = None
                 member.answer({"found": True})
         if not all(it.is_ready or it.looks_for for it in members):
@@ -295,8 +296,8 @@ class Coordinator:
         """Answer scripts that come back to a federation that runs."""
         for member in members:
             if member.looks_for:
-                names = {e.name for it in members for e in it.endpoints if e.kind == "service"}
-                member.answer({"found": member.looks_for in names})
+                endpoints = [endpoint for it in members for endpoint in it.endpoints]
+                member.answer({"found": bool(matched(member.looks_for, endpoints))})
                 member.looks_for = None
             if member.is_ready and not member.is_answered and self._is_failed:
                 self._reject(member)

@@ -18,6 +18,7 @@ from hprm import _hprm
 from hprm._declared import Declared
 from hprm.ros._federation import Process, Scripts
 from hprm.ros._graph import Endpoint, Flow, Graph, Script
+from hprm.ros._offers import matched
 
 #: The environment variable with the descriptor of the socket to the coordinator.
 COORDINATOR = "HPRM_ROS_COORDINATOR"
@@ -82,8 +83,8 @@ class Meeting(Protocol):
     def declare(self, endpoint: Endpoint) -> None:
         """Declare an endpoint of a node."""
 
-    def has_service(self, name: str) -> bool | None:
-        """Return whether a process has declared a service; none if that may still happen.
+    def has_service(self, client: Endpoint) -> bool | None:
+        """Return whether a process has declared a service of a client; none if it still may.
 
         Waits until it is declared, or all other processes have declared what they have.
         """
@@ -153,9 +154,9 @@ class Alone:
         """Declare an endpoint."""
         self.endpoints.append(endpoint)
 
-    def has_service(self, name: str) -> bool | None:
-        """Return whether a node of this process has declared a service."""
-        return any(it.kind == "service" and it.name == name for it in self.endpoints)
+    def has_service(self, client: Endpoint) -> bool | None:
+        """Return whether a node of this process has declared a service of a client."""
+        return bool(matched(client, self.endpoints))
 
     def meet(self) -> Membership:
         """Make a graph of what has been declared."""
@@ -194,10 +195,10 @@ class Coordinated:
         self.endpoints.append(endpoint)
         self._tell({"endpoint": asdict(endpoint)})
 
-    def has_service(self, name: str) -> bool | None:
-        """Ask whether a process has declared a service, or may still do so."""
+    def has_service(self, client: Endpoint) -> bool | None:
+        """Ask whether a process has declared a service of a client, or may still do so."""
         with self._lock:
-            self._tell({"find": name})
+            self._tell({"find": asdict(client)})
             found: bool | None = self._answer().get("found", False)
             return found
 

@@ -97,7 +97,7 @@ class Member:
         self.endpoints: list[Endpoint] = []
         self.is_ready = False
         self.is_answered = False
-        self.looks_for: str | None = None
+        self.looks_for: Endpoint | None = None
         self.has_left = False
         #: Whether its federation has ended under it, because of another process.
         self.is_stranded = False
@@ -147,7 +147,8 @@ class Member:
             self.nodes.append(told["node"])
         if "endpoint" in told:
             self.endpoints.append(Endpoint(**told["endpoint"]))
-        self.looks_for = told.get("find", self.looks_for)
+        if "find" in told:
+            self.looks_for = Endpoint(**told["find"])
         self.is_ready = self.is_ready or "ready" in told
         self.has_left = self.has_left or "leave" in told
         self.is_stranded = self.is_stranded or "stranded" in told

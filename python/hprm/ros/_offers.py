@@ -1,9 +1,12 @@
-"""Which publishers and subscriptions of a topic exchange messages: by type and quality of service.
+"""Which endpoints exchange messages: by type and quality of service.
 
 What a publisher offers is at least what a subscription requests, policy by policy, or no message
 passes between the two. A publisher that offers anything but the default profile sends its offer
 beside each message. So each subscription decides by itself, whatever else a script publishes on
 that topic, and whenever it was made. Nodes elsewhere, over Zenoh, exchange messages in any case.
+
+A client offers requests and requests responses, and a service the other way round, each by its one
+profile. Where one of the two does not fit, the client does not find the service.
 """
 
 from __future__ import annotations
@@ -53,6 +56,15 @@ def described(kind: str, qos: QoSProfile, depth: int | None) -> dict[str, Any]:
             reliability = ReliabilityPolicy.RELIABLE
         if durability is DurabilityPolicy.BEST_AVAILABLE:
             durability = DurabilityPolicy.TRANSIENT_LOCAL
+    if kind in ("client", "service"):
+        # Of services, the best that is available is the default, as the best for one of the two
+        # directions might be too much for the other one.
+        if reliability is ReliabilityPolicy.BEST_AVAILABLE:
+            reliability = ReliabilityPolicy.RELIABLE
+        if durability is DurabilityPolicy.BEST_AVAILABLE:
+            durability = DurabilityPolicy.VOLATILE
+        if liveliness is LivelinessPolicy.BEST_AVAILABLE:
+            liveliness = LivelinessPolicy.AUTOMATIC
     told: dict[str, Any] = {
         "reliability": reliability.name,
         "durability": durability.name,
@@ -62,6 +74,8 @@ def described(kind: str, qos: QoSProfile, depth: int | None) -> dict[str, Any]:
         told["liveliness"] = liveliness.name
     for policy in ("deadline", "lifespan", "liveliness_lease_duration"):
         nanoseconds = getattr(qos, policy).nanoseconds
+        if nanoseconds == _BEST and kind in ("client", "service"):
+            continue
         if nanoseconds:
             told[policy] = nanoseconds
     return told
@@ -78,7 +92,7 @@ def keeps(qos: QoSProfile) -> bool:
 
 
 def offered(qos: dict[str, Any]) -> Terms:
-    """Return what a publisher offers."""
+    """Return what a publisher offers, or a client or a service for what it sends."""
     return (
         qos["reliability"] != "BEST_EFFORT",
         qos["durability"] == "TRANSIENT_LOCAL",
@@ -89,7 +103,10 @@ def offered(qos: dict[str, Any]) -> Terms:
 
 
 def requested(qos: dict[str, Any]) -> Terms:
-    """Return what a subscription requests; the best that is available is any."""
+    """Return what a subscription requests; the best that is available is any.
+
+    Or a client or a service of what it takes.
+    """
     return (
         qos["reliability"] == "RELIABLE",
         qos["durability"] == "TRANSIENT_LOCAL",
@@ -115,17 +132,34 @@ def refused(offer: Terms, request: Terms) -> QoSPolicyKind | None:
 
 
 def mismatch(one: Endpoint, other: Endpoint) -> QoSPolicyKind | None:
-    """Return by which policy a publisher and a subscription do not fit; none if they do."""
+    """Return by which policy the two ends of a topic or a service do not fit; none if they do."""
     if one.qos.get(_MARK) or other.qos.get(_MARK):
         return None
-    publisher, subscription = (one, other) if one.kind == "publisher" else (other, one)
-    return refused(offered(publisher.qos), requested(subscription.qos))
+    sender, taker = (one, other) if one.kind in ("publisher", "client") else (other, one)
+    wrong = refused(offered(sender.qos), requested(taker.qos))
+    if wrong is None and sender.kind == "client":
+        wrong = refused(offered(taker.qos), requested(sender.qos))
+    return wrong
+
+
+_OTHER_ENDS = {
+    "publisher": "subscription",
+    "subscription": "publisher",
+    "client": "service",
+    "service": "client",
+}
 
 
 def others(own: Endpoint, endpoints: Iterable[Endpoint]) -> list[Endpoint]:
-    """Return the endpoints at the other end of a topic, whether they fit or not."""
-    kind = "subscription" if own.kind == "publisher" else "publisher"
+    """Return the endpoints at the other end of a topic or a service, whether they fit or not."""
+    kind = _OTHER_ENDS[own.kind]
     return [it for it in endpoints if it.kind == kind and it.name == own.name]
+
+
+def misfits(own: Endpoint, endpoints: Iterable[Endpoint]) -> list[QoSPolicyKind]:
+    """Return by which policies others of its type do not fit an endpoint."""
+    there = [mismatch(own, it) for it in others(own, endpoints) if it.type == own.type]
+    return [policy for policy in there if policy is not None]
 
 
 def matched(own: Endpoint, endpoints: Iterable[Endpoint]) -> list[Endpoint]:
@@ -138,22 +172,37 @@ def matched(own: Endpoint, endpoints: Iterable[Endpoint]) -> list[Endpoint]:
 
 
 class Offer:
-    """What a publisher offers, for its messages."""
+    """What a publisher offers, a client or a service, for its messages."""
 
     def __init__(self, endpoint: Endpoint) -> None:
-        """Look at the description of the publisher."""
+        """Look at the description of the endpoint."""
         self._terms = offered(endpoint.qos)
 
     def beside(self, message: Any) -> Any:
         """Return what is sent for a message."""
         return message if self._terms == _PLAIN else (self._terms, message)
 
+    def of_call(self, client: str, number: int, message: Any) -> Call:
+        """Return what is sent for a request of a client, or the response to it."""
+        call = (client, number, message)
+        return call if self._terms == _PLAIN else (*call, self._terms)
+
+
+#: A request or a response: of which client, its number there, and the message; then an offer,
+#: perhaps.
+Call = tuple[Any, ...]
+
+
+def call_from_elsewhere(client: str, number: int, message: Any) -> Call:
+    """Return what is sent for a request or a response from elsewhere, which all take."""
+    return (client, number, message, _ELSEWHERE)
+
 
 class Request:
-    """What a subscription takes."""
+    """What a subscription takes, a client or a service."""
 
-    def __init__(self, endpoint: Endpoint, type_: type[Any]) -> None:
-        """Look at the description of the subscription, whose messages have that type."""
+    def __init__(self, endpoint: Endpoint, type_: type[Any] = object) -> None:
+        """Look at the description of the endpoint, whose messages have that type."""
         self._type = type_
         terms = requested(endpoint.qos)
         self._terms = terms
@@ -166,6 +215,12 @@ class Request:
             offer, message = sent
             takes = not offer or refused(offer, self._terms) is None
         return message if takes and isinstance(message, self._type) else None
+
+    def takes_call(self, call: Call) -> bool:
+        """Return whether a client or a service takes a response or a request."""
+        if len(call) == 3:
+            return self._takes_plain
+        return not call[3] or refused(call[3], self._terms) is None
 
 
 def message_of(sent: Any) -> Any:

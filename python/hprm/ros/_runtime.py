@@ -28,6 +28,7 @@ from hprm.ros._graph import Endpoint, Flow
 from hprm.ros._keeping import PATIENCE_NS, Keeping, Kept, LateTaker, durable_scripts, is_durable
 from hprm.ros._late import LateEndpoints
 from hprm.ros._meeting import Meeting, Membership
+from hprm.ros._offers import matched
 from hprm.ros._pace import STEP_NS, Pace
 from hprm.ros._turns import Turns, place
 
@@ -329,17 +330,17 @@ class Runtime:
         # What the thread makes for its messages need not be copied when it publishes them.
         _hprm.use_store()
 
-    def wait_for_service(self, name: str, timeout_ns: int | None) -> bool:
-        """Wait until a process serves a service, or for so long; return whether one does."""
-        if self._loop is None and self.meeting.has_service(name):
+    def wait_for_service(self, client: Endpoint, timeout_ns: int | None) -> bool:
+        """Wait until a process serves a client, or for so long; return whether one does."""
+        if self._loop is None and self.meeting.has_service(client):
             return True
-        return self.block(lambda: self.serves(name), timeout_ns)
+        return self.block(lambda: self.serves(client), timeout_ns)
 
-    def serves(self, name: str) -> bool:
-        """Return whether a process serves a service."""
+    def serves(self, client: Endpoint) -> bool:
+        """Return whether a process serves a client."""
         if self._loop is None:
-            return bool(self.meeting.has_service(name))
-        return self.count("service", name) > 0
+            return bool(self.meeting.has_service(client))
+        return bool(matched(client, self.endpoints()))
 
     def count(self, kind: str, name: str) -> int:
         """Return how many endpoints there are of a kind, with that name."""

@@ -35,12 +35,13 @@ class SleepingService:
         """Declare the service ``name`` of a node; ``kind`` is the name of its type."""
         self._node = node
         self._kind = kind
-        self._name = node.resolve_service_name(f"{node.get_name()}/{name}")
+        full_name = node.resolve_service_name(f"{node.get_name()}/{name}")
         self._answer = answer
         self._qos = qos
         self._service: Service | None = None
-        endpoint = node._endpoint("service", self._name, f"rcl_interfaces/srv/{kind}", qos)
-        node._runtime.declare(endpoint, self.deliver)
+        type_ = f"rcl_interfaces/srv/{kind}"
+        self._endpoint = node._endpoint("service", full_name, type_, qos)
+        node._runtime.declare(self._endpoint, self.deliver)
 
     def deliver(self, request: Any) -> None:
         """Put a request into the queue of the service."""
@@ -48,10 +49,10 @@ class SleepingService:
             type_ = interface("rcl_interfaces.srv", self._kind)
             group = self._node.default_callback_group
             self._service = self._node._add(
-                _Awake(self._node, type_, self._name, self._answer, group, self._qos)
+                _Awake(self._node, type_, self._endpoint, self._answer, group, self._qos)
             )
         self._service.deliver(request)
 
     def destroy(self) -> None:
         """Take no more requests."""
-        self._node._runtime.withdraw(Flow("request", self._name), self.deliver)
+        self._node._runtime.withdraw(Flow("request", self._endpoint.name), self.deliver)

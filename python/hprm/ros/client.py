@@ -13,6 +13,7 @@ from hprm.ros.callback_groups import CallbackGroup
 from hprm.ros.task import Future
 
 if TYPE_CHECKING:
+    from hprm.ros._graph import Endpoint
     from hprm.ros.context import Context
     from hprm.ros.node import Node
     from hprm.ros.qos import QoSProfile
@@ -30,12 +31,12 @@ class Client(ServiceEnd):
         node: Node,
         context: Context,
         srv_type: type[Any],
-        srv_name: str,
+        endpoint: Endpoint,
         qos_profile: QoSProfile,
         callback_group: CallbackGroup,
     ) -> None:
-        """Make the client of a node; ``srv_name`` is the full name of the service."""
-        super().__init__(node, srv_type, srv_name, qos_profile, callback_group)
+        """Make the client of a node that is an endpoint of a service."""
+        super().__init__(node, srv_type, endpoint, qos_profile, callback_group)
         self.context = context
         #: By which responses find this client, the same on every run.
         self._name = f"{node.get_fully_qualified_name()}#{next(_numbers)}"
@@ -59,7 +60,8 @@ class Client(ServiceEnd):
         future._set_executor(self._node.executor)
         self._pending[self._count] = future
         self._introspection.tell("REQUEST_SENT", self._name, self._count, request)
-        self._node._runtime.publish(self._request, (self._name, self._count, copy_of(request)))
+        call = self._offer.of_call(self._name, self._count, copy_of(request))
+        self._node._runtime.publish(self._request, call)
         return future
 
     def call(self, request: Any, timeout_sec: float | None = None) -> Any:
@@ -92,18 +94,19 @@ class Client(ServiceEnd):
 
     def service_is_ready(self) -> bool:
         """Return whether a node serves the service."""
-        return self._node._runtime.serves(self.srv_name)
+        return self._node._runtime.serves(self._endpoint)
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
         """Wait until a node serves the service, or for so long; return whether one does."""
         return self._node._runtime.wait_for_service(
-            self.srv_name, None if timeout_sec is None else round(timeout_sec * 1e9)
+            self._endpoint, None if timeout_sec is None else round(timeout_sec * 1e9)
         )
 
     def deliver(self, response: Any) -> None:
         """Take a response: of which client it is, its number, and the message."""
-        client, number, message = response
-        if client == self._name and number in self._pending and not self._destroyed:
+        client, number, message = response[:3]
+        is_own = client == self._name and number in self._pending and not self._destroyed
+        if is_own and self._wants.takes_call(response):
             self._arrived.append((number, message))
 
     def has_work(self) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from hprm.ros._entity import Entity
-from hprm.ros._offers import matched, mismatch, others
+from hprm.ros._offers import matched, misfits, others
 from hprm.ros.callback_groups import CallbackGroup
 from hprm.ros.exceptions import UnsupportedEventTypeError as UnsupportedEventTypeError
 from hprm.ros.qos import _UNSPECIFIED, QoSPolicyKind, qos_policy_name_from_kind
@@ -198,10 +198,7 @@ class _IncompatibleQoS(_Incompatible):
     """Looks for endpoints whose quality of service does not fit."""
 
     def _find(self, there: list[Endpoint]) -> Iterator[QoSPolicyKind]:
-        for it in there:
-            kind = mismatch(self._own, it) if it.type == self._own.type else None
-            if kind is not None:
-                yield kind
+        yield from misfits(self._own, there)
 
     def _event(self, change: int, why: QoSPolicyKind) -> QoSRequestedIncompatibleQoSInfo:
         return QoSRequestedIncompatibleQoSInfo(self._total, change, why)

@@ -268,8 +268,10 @@ class Node(Parameters, Others):
         name = self.resolve_service_name(srv_name)
         type_ = type_name(srv_type, "service")
         group = callback_group or self._default_callback_group
-        made = Client(self, self._context, srv_type, name, qos_profile, group)
-        self._declare(made, self._endpoint("client", name, type_, qos_profile), made.deliver)
+        endpoint = self._endpoint("client", name, type_, qos_profile)
+        made = Client(self, self._context, srv_type, endpoint, qos_profile, group)
+        self._declare(made, endpoint, made.deliver)
+        made.watch()
         return self._add(made)
 
     def create_service(
@@ -285,8 +287,10 @@ class Node(Parameters, Others):
         name = self.resolve_service_name(srv_name)
         type_ = type_name(srv_type, "service")
         group = callback_group or self._default_callback_group
-        made = Service(self, srv_type, name, callback, group, qos_profile)
-        self._declare(made, self._endpoint("service", name, type_, qos_profile), made.deliver)
+        endpoint = self._endpoint("service", name, type_, qos_profile)
+        made = Service(self, srv_type, endpoint, callback, group, qos_profile)
+        self._declare(made, endpoint, made.deliver)
+        made.watch()
         return self._add(made)
 
     def create_timer(

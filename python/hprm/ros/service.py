@@ -13,6 +13,7 @@ from hprm.ros.callback_groups import CallbackGroup
 from hprm.ros.task import Future
 
 if TYPE_CHECKING:
+    from hprm.ros._graph import Endpoint
     from hprm.ros.node import Node
     from hprm.ros.qos import QoSProfile
 
@@ -26,22 +27,22 @@ class Service(ServiceEnd):
         self,
         node: Node,
         srv_type: type[Any],
-        srv_name: str,
+        endpoint: Endpoint,
         callback: Callable[[Any, Any], Any],
         callback_group: CallbackGroup,
         qos_profile: QoSProfile,
     ) -> None:
-        """Make the service of a node; ``srv_name`` is its full name."""
+        """Make the service of a node, which is an endpoint."""
         check_callback(callback)
-        super().__init__(node, srv_type, srv_name, qos_profile, callback_group)
+        super().__init__(node, srv_type, endpoint, qos_profile, callback_group)
         self.callback = callback
         # No request is lost, however many wait: each has a client that waits, too.
         self._queue = Queue(None)
 
     def deliver(self, request: Any) -> None:
         """Put a request into the queue: the client, its number, and the message."""
-        if not self._destroyed:
-            self._queue.put(request)
+        if not self._destroyed and self._wants.takes_call(request):
+            self._queue.put(request[:3])
 
     def has_work(self) -> bool:
         """Return whether a request waits."""
@@ -84,4 +85,5 @@ class Service(ServiceEnd):
         if not isinstance(response, self.srv_type.Response):
             raise TypeError(f"Expected {self.srv_type.Response}, got {type(response)}")
         self._introspection.tell("RESPONSE_SENT", client, number, response)
-        self._node._runtime.publish(self._response, (client, number, copy_of(response)))
+        call = self._offer.of_call(client, number, copy_of(response))
+        self._node._runtime.publish(self._response, call)

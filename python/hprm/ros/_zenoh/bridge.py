@@ -19,7 +19,7 @@ from hprm.ros._graph import Endpoint, Flow, Graph
 from hprm.ros._lines import write_line
 from hprm.ros._messages import DefinitionError
 from hprm.ros._messages.cdr import SERIALIZER, SerializationError, Serializer
-from hprm.ros._offers import from_elsewhere, message_of
+from hprm.ros._offers import call_from_elsewhere, from_elsewhere, message_of
 from hprm.ros._zenoh.aligning import Aligning
 from hprm.ros._zenoh.arrivals import Arrivals
 from hprm.ros._zenoh.attachment import Attachment, read
@@ -176,9 +176,9 @@ class ZenohBridge:
                 case "topic":
                     self._publish(sender, flow, message)
                 case "request":
-                    self._ask(sender, flow, *message)
+                    self._ask(sender, flow, *message[:3])
                 case "response":
-                    self._answer(flow, *message)
+                    self._answer(flow, *message[:3])
         except (SerializationError, zenoh.ZError) as error:
             self._tell_unread(flow, str(error))
 
@@ -252,7 +252,9 @@ class ZenohBridge:
             return []
         self._requests += 1
         number = self._requests
-        told = self._told(flow, payload, lambda message: (_CLIENT, number, message))
+        told = self._told(
+            flow, payload, lambda message: call_from_elsewhere(_CLIENT, number, message)
+        )
         if not told:
             query.drop()
             return []
@@ -266,7 +268,9 @@ class ZenohBridge:
         self, script: int, service: str, client: str, number: int, payload: bytes
     ) -> list[Told]:
         flow = Flow("response", service)
-        told = self._told(flow, payload, lambda message: (client, number, message))
+        told = self._told(
+            flow, payload, lambda message: call_from_elsewhere(client, number, message)
+        )
         return [([script], news) for _, news in told[:1]]
 
     def _told(self, flow: Flow, payload: bytes, made: Any) -> list[Told]:
