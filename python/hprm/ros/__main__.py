@@ -64,6 +64,8 @@ def main() -> int:
         except BridgeError as error:
             print(f"error: {error}", file=sys.stderr)
             return 1
+    if options.command == "launch" or _meeting.COORDINATOR not in os.environ:
+        os.environ[_meeting.LAUNCH] = os.urandom(8).hex()
     if options.command == "launch":
         from hprm.ros._launching import launch as start
 

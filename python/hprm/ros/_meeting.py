@@ -25,6 +25,8 @@ COORDINATOR = "HPRM_ROS_COORDINATOR"
 
 #: The environment variable of a process that runs alone and does not wait for physical time.
 FAST = "HPRM_ROS_FAST"
+#: Which launch the processes that have it belong to.
+LAUNCH = "HPRM_ROS_LAUNCH"
 
 
 @dataclass
