@@ -388,6 +388,18 @@ return LaunchDescription([
 """,
         "a.launch.py:22: ZeroDivisionError: division by zero",
     ),
+    "raises in a library": (
+        """
+import json
+return LaunchDescription([
+    base, short,
+    RegisterEventHandler(
+        OnProcessExit(target_action=short, on_exit=lambda event, context: int.from_bytes([256])),
+    ),
+])
+""",
+        "a.launch.py:24: ValueError: bytes must be in range(0, 256)",
+    ),
     "ends the interpreter": (
         """
 def ended(event, context):
