@@ -30,6 +30,8 @@ DIRECTIVE = re.compile(r"\{(?P<name>[\w-]+)\}\s*(?P<argument>.*)")
 OPTION = re.compile(r":(?P<name>[\w-]+):[ ]*(?P<value>.*)\n")
 NOT_RUN = re.compile(r"<!-- not run: (?P<reason>[^>]+?) -->\s*\Z")
 EXAMPLE = re.compile(r"cargo run --quiet --example (?P<name>\w+)")
+# What a terminal shows where its reader ends a command.
+CTRL_C = "^C\n"
 SPEAKER = re.compile(r"\[[\w.\[\]-]+\]")
 
 
@@ -169,6 +171,13 @@ class Terminal:
             start_new_session=True,
         )
 
+    def interrupt(self, process: subprocess.Popen[str], deadline: float) -> tuple[str, int]:
+        """What a command has printed that Ctrl-C ends, and its exit code; 0 if that tells of it."""
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGINT)
+        printed, code = self.finish(process, deadline)
+        return printed, 0 if code in (-signal.SIGINT, 128 + signal.SIGINT) else code
+
     def finish(self, process: subprocess.Popen[str], deadline: float) -> tuple[str, int]:
         """What a command has printed, and its exit code."""
         try:
@@ -305,12 +314,14 @@ class Story:
                     self.expect(known, command, printed, terminal.run(self.here(command))[0])
                 shells.append((known, last, expected, terminal, terminal.start(self.here(last))))
         deadline = time.monotonic() + LIMIT
-        ended = [
-            (known, last, expected, *terminal.finish(process, deadline))
-            for known, last, expected, terminal, process in shells
-        ]
+        # Where the page shows Ctrl-C, what the others look at is over when they are.
+        shells.sort(key=lambda shell: shell[2].endswith(CTRL_C))
+        ended = []
+        for known, last, expected, terminal, process in shells:
+            end = terminal.interrupt if expected.endswith(CTRL_C) else terminal.finish
+            ended.append((known, last, expected, *end(process, deadline)))
         for known, last, expected, printed, code in ended:
-            self.expect(known, last, expected, printed)
+            self.expect(known, last, expected.removesuffix(CTRL_C), printed)
             assert code == 0, f"{known.where}: `{last}` ended with {code}"
 
     def compare(self, known: Block) -> None:

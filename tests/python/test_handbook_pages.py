@@ -224,6 +224,14 @@ $ cat < fifo-15045 || until test -f done; do sleep 0.01; done
 $ touch done
 ```
 
+```{code-block} console
+:caption: Two terminals
+
+$ touch begun; sleep 3600
+^C
+$ until test -f begun; do sleep 0.01; done
+```
+
 ```
 a picture
 ```
