@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contenders as who
 
-from . import charts
 from .experiment import Claim, Effort, Experiment, Section, Table
 from .record import Record
 from .texts import by_case, paragraphs, times
@@ -56,6 +55,9 @@ def measure(effort: Effort) -> Record:
 
 def section(record: Record) -> Section:
     """What the page says of it."""
+    # What draws takes a second to import, also in processes that only measure.
+    from . import charts
+
     picture = charts.lines(record, _TITLE, "ms a round")
     return Section(
         PAPER, by_case(record, f"{_TITLE}, ms", _OURS[1]), [picture], _claims(record), DIFFERENCES

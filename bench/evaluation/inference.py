@@ -13,7 +13,6 @@ from progress import ProgressBar
 from run import prepare, rotated
 from tables import number
 
-from . import charts
 from .drives import CONTENDERS, GROUP, DrivingLauncher
 from .experiment import Claim, Effort, Experiment, ExperimentError, Section, Table
 from .record import Cell, Record
@@ -150,6 +149,9 @@ def of_frames(told: dict[str, Result], warm_up: int) -> tuple[np.ndarray, np.nda
 
 def section(record: Record) -> Section:
     """What the page says of it."""
+    # What draws takes a second to import, also in processes that only measure.
+    from . import charts
+
     names = sorted(record.contenders(), key=lambda name: _median(record, name))
     rows = [
         [name, shown(record.spread(name, CASE)), _p99(record, name), _share(record, name)]

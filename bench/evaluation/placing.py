@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contenders as who
 
-from . import charts
 from .experiment import Claim, Effort, Experiment, Section, Table
 from .record import Record
 from .texts import by_case, paragraphs, times
@@ -49,6 +48,9 @@ def measure(effort: Effort) -> Record:
 
 def section(record: Record) -> Section:
     """What the page says of it."""
+    # What draws takes a second to import, also in processes that only measure.
+    from . import charts
+
     picture = charts.lines(record, _TITLE, "ms")
     tables = by_case(record, f"{_TITLE}, ms", "memcpy, recycled")
     return Section(PAPER, tables, [picture], _claims(record), DIFFERENCES)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contenders as who
-import picture
 
 from .experiment import Claim, Effort, Experiment, Section, Table
 from .record import Record
@@ -52,6 +51,9 @@ def measure(effort: Effort) -> Record:
 
 def section(record: Record) -> Section:
     """What the page says of it."""
+    # What draws takes a second to import, also in processes that only measure.
+    import picture
+
     cases, names = record.cases(), best_first(record, _ORDER)
     rows = [
         picture.Row(name, name.startswith(OURS), [record.spread(name, case) for case in cases])

@@ -24,7 +24,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples" / "broad
 import contenders as who
 import environments
 import machine
-import page
 import plan
 import tables
 from figures import Measurements
@@ -231,6 +230,9 @@ class Run:
 
 def report(run: Run, about: dict[str, Any], out: Path) -> list[RenderableType]:
     """Writes the files; what the terminal shows."""
+    # What draws takes a second to import, also in processes that only measure.
+    import page
+
     verdicts = judge(run.measurements, run.workloads)
     shown = tables.all_tables(run.measurements, run.workloads) + [tables.of_verdicts(verdicts)]
     out.mkdir(parents=True, exist_ok=True)
