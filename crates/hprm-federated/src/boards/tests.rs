@@ -39,7 +39,7 @@ fn posting(tallies: &[Tally]) -> Posting {
 impl View {
     /// Reads what the process shows that is a federate now.
     pub(super) fn read(&mut self, from: u16, posting: Posting) {
-        let life = self.boards.postings[FederateId(from)].life;
+        let life = self.boards.postings.get(FederateId(from)).map_or(0, |known| known.life);
         self.boards.read(FederateId(from), Posting { life, ..posting });
     }
 
