@@ -13,13 +13,14 @@
 //!
 //! Under this module: `client.rs` is a federate's end of the connection with the service, `records.rs` what they say.
 //! Of the service, `service.rs` is the loop, `customer.rs` a federate as it sees it, and `depot.rs` the memory of one
-//! federation here. `outgoing.rs` is what leaves for one machine, `incoming.rs` what comes from one, `label.rs` what two
-//! services say, and `blocks.rs` how they compress. `routes.rs` knows which machine is next on the way to another one,
-//! and `led.rs` what a router has not handed on yet. Links between machines are the business of agents: the service asks
-//! for them as any process does.
+//! federation here. `outgoing.rs` is what leaves for one machine, `incoming.rs` what comes from one, `content.rs` the
+//! bytes of a shipment while they come, `label.rs` what two services say, and `blocks.rs` how they compress. `routes.rs`
+//! knows which machine is next on the way to another one, and `led.rs` what a router has not handed on yet. Links between
+//! machines are the business of agents: the service asks for them as any process does.
 
 mod blocks;
 mod client;
+mod content;
 mod customer;
 mod depot;
 mod incoming;

@@ -1,18 +1,18 @@
 //! What comes from the shipping service of one machine, over one link.
 //!
-//! A label says what follows; the service gives memory for it, into which the link is read. The bytes of a shipment for
+//! A label says what begins; the service gives memory for it, into which the link is read. The bytes of a shipment for
 //! which there is no memory, or no reader, are read and forgotten.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Read, Write};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
 
 use hprm_core::Shipment;
-use hprm_store::WritableLoan;
 
-use super::blocks::{self, BLOCK};
-use super::label::{Hello, Item, LABEL_LIMIT, LENGTH, Label, VERSION, receipt};
+use super::blocks::BLOCK;
+use super::content::Content;
+use super::label::{Hello, Item, Key, LABEL_LIMIT, LENGTH, Label, OPEN, VERSION, receipt};
 use crate::records::decode;
 
 /// How many bytes are read before others have their turn.
@@ -30,6 +30,8 @@ pub(super) struct Incoming {
     /// The machines of which shipments come over this link, as long as they reach the other one; that one, too.
     reached: BTreeSet<String>,
     part: Part,
+    /// The shipments that have begun and are not complete.
+    open: BTreeMap<Key, Open>,
     /// Receipts that have not left.
     receipts: Vec<u8>,
 }
@@ -38,21 +40,21 @@ pub(super) struct Incoming {
 #[derive(Debug)]
 enum Part {
     /// A length, and as many bytes.
-    Label(Vec<u8>),
-    /// A label has come, and the service has not said where the bytes go.
+    Item(Vec<u8>),
+    /// A shipment begins, and the service has not said where its bytes go.
     Asks(Label),
-    Bytes {
-        label: Label,
-        into: Option<WritableLoan>,
-        filled: u64,
-    },
-    /// The same, in blocks, of which one has come in part.
-    Blocks {
-        label: Label,
-        into: Option<WritableLoan>,
-        filled: u64,
-        block: Vec<u8>,
-    },
+    /// A piece of a shipment, of which so many bytes are missing.
+    Bytes { of: Key, left: usize },
+    /// A compressed piece: what has come of it, what is missing, and how many bytes it becomes.
+    Packed { of: Key, piece: Vec<u8>, left: usize, len: usize },
+}
+
+/// A shipment of which not all bytes have come.
+#[derive(Debug)]
+struct Open {
+    label: Label,
+    into: Option<Content>,
+    filled: u64,
 }
 
 /// What has come.
@@ -65,14 +67,14 @@ pub(super) enum Came {
     /// A machine does not reach the other one any more.
     Gone(String),
     /// A shipment is complete, or lost, and where its bytes are, if they are anywhere.
-    Shipment(Label, Option<WritableLoan>),
+    Shipment(Label, Option<Content>),
 }
 
 impl Incoming {
     pub(super) fn new(stream: UnixStream) -> Self {
-        let part = Part::Label(Vec::new());
-        let (machine, reached) = (None, BTreeSet::new());
-        Self { stream, machine, reached, part, receipts: Vec::new() }
+        let part = Part::Item(Vec::new());
+        let (machine, reached, open) = (None, BTreeSet::new(), BTreeMap::new());
+        Self { stream, machine, reached, part, open, receipts: Vec::new() }
     }
 
     /// The machine at the other end, as far as it is known.
@@ -85,8 +87,9 @@ impl Incoming {
         self.reached.contains(machine)
     }
 
-    /// The machines of which shipments came over this link, which is at its end.
+    /// The link is at its end, and so is what has come in part. Returns the machines of which shipments came over it.
     pub(super) fn into_reached(self) -> BTreeSet<String> {
+        self.open.values().filter_map(|open| open.into.as_ref()).for_each(Content::break_off);
         self.reached
     }
 
@@ -95,12 +98,10 @@ impl Incoming {
         (self.stream.as_fd(), !self.receipts.is_empty())
     }
 
-    /// The bytes of the label that has come last go there.
-    pub(super) fn read_into(&mut self, label: Label, into: Option<WritableLoan>) {
-        self.part = match label.compress {
-            true => Part::Blocks { label, into, filled: 0, block: Vec::new() },
-            false => Part::Bytes { label, into, filled: 0 },
-        };
+    /// The bytes of the shipment whose label has come last go there.
+    pub(super) fn read_into(&mut self, label: Label, into: Option<Content>) {
+        self.part = Part::Item(Vec::new());
+        self.open.insert(label.shipment.key(), Open { label, into, filled: 0 });
     }
 
     /// Tells the other end that it need not keep a shipment.
@@ -136,16 +137,13 @@ impl Incoming {
         let mut turn = 0;
         while turn < TURN {
             let read = match &mut self.part {
-                Part::Label(bytes) => read_label(&mut self.stream, bytes),
+                Part::Item(bytes) => read_item(&mut self.stream, bytes),
                 Part::Asks(label) => return Ok(Came::Label(label.clone())),
-                Part::Bytes { label, into, filled } => {
-                    let left = label.bytes() - *filled;
-                    read_bytes(&mut self.stream, left, into.as_mut())
+                Part::Bytes { of, left } => {
+                    let into = self.open.get(of).and_then(|open| open.into.as_ref());
+                    read_bytes(&mut self.stream, *left, into)
                 }
-                Part::Blocks { block, .. } => {
-                    let missing = blocks::missing(block).ok_or_else(nonsense)?;
-                    read_more(&mut self.stream, block, missing)
-                }
+                Part::Packed { piece, left, .. } => read_more(&mut self.stream, piece, *left),
             };
             match read {
                 Ok(count) => {
@@ -165,7 +163,7 @@ impl Incoming {
     /// So many bytes have come.
     fn came(&mut self, count: usize) -> io::Result<Option<Came>> {
         match &mut self.part {
-            Part::Label(bytes) if missing(bytes) == Some(0) => {
+            Part::Item(bytes) if missing(bytes) == Some(0) => {
                 let body = bytes.split_off(LENGTH);
                 bytes.clear();
                 if self.machine.is_none() {
@@ -174,36 +172,39 @@ impl Incoming {
                 }
                 self.item(decode(&body).ok_or_else(nonsense)?)
             }
-            Part::Label(_) | Part::Asks(_) => Ok(None),
-            Part::Bytes { label, filled, .. } => {
-                *filled += count as u64;
-                Ok((*filled == label.bytes()).then(|| self.complete()))
+            Part::Item(_) | Part::Asks(_) => Ok(None),
+            Part::Bytes { of, left } => {
+                let of = *of;
+                *left -= count;
+                if *left == 0 {
+                    self.part = Part::Item(Vec::new());
+                }
+                Ok(self.filled(of, count))
             }
-            Part::Blocks { label, into, filled, block } => {
-                if blocks::missing(block) != Some(0) {
+            Part::Packed { of, piece, left, len } => {
+                *left -= count;
+                if *left > 0 {
                     return Ok(None);
                 }
-                let left = usize::try_from(label.bytes() - *filled).unwrap_or(usize::MAX);
-                let len = left.min(BLOCK);
-                if let Some(loan) = into {
-                    let at = loan.len() - left;
-                    blocks::unpack(block, &mut loan[at..at + len])?;
+                let (of, len) = (*of, *len);
+                if let Some(into) = self.open.get(&of).and_then(|open| open.into.as_ref()) {
+                    into.unpack(piece, len)?;
                 }
-                *filled += len as u64;
-                block.clear();
-                Ok((*filled == label.bytes()).then(|| self.complete()))
+                self.part = Part::Item(Vec::new());
+                Ok(self.filled(of, len))
             }
         }
     }
 
-    /// All bytes of a shipment have come.
-    fn complete(&mut self) -> Came {
-        match std::mem::replace(&mut self.part, Part::Label(Vec::new())) {
-            Part::Bytes { label, into, .. } | Part::Blocks { label, into, .. } => {
-                Came::Shipment(label, into)
-            }
-            Part::Label(_) | Part::Asks(_) => unreachable!("bytes have come"),
+    /// So many bytes of a shipment are there. If it is complete, returns it.
+    fn filled(&mut self, of: Key, count: usize) -> Option<Came> {
+        let open = self.open.get_mut(&of)?;
+        open.filled += count as u64;
+        if open.filled < open.label.bytes() {
+            return None;
         }
+        let Open { label, into, .. } = self.open.remove(&of)?;
+        Some(Came::Shipment(label, into))
     }
 
     fn item(&mut self, item: Item) -> io::Result<Option<Came>> {
@@ -218,10 +219,38 @@ impl Incoming {
             }
             Item::Shipment(label) if label.bytes() == 0 => Ok(Some(Came::Shipment(label, None))),
             Item::Shipment(label) => {
+                if self.open.len() >= OPEN || self.open.contains_key(&label.shipment.key()) {
+                    return Err(nonsense());
+                }
                 self.part = Part::Asks(label.clone());
                 Ok(Some(Came::Label(label)))
             }
+            Item::Piece { of, len, packed } => {
+                self.part = self.piece(of, len, packed).ok_or_else(nonsense)?;
+                Ok(None)
+            }
+            Item::Broken { of } => {
+                // What has begun elsewhere with its bytes is broken, too.
+                let open = self.open.remove(&of).ok_or_else(nonsense)?;
+                open.into.iter().for_each(Content::break_off);
+                Ok(None)
+            }
         }
+    }
+
+    /// A piece follows; none if it cannot be one.
+    fn piece(&self, of: Key, len: u32, packed: Option<u32>) -> Option<Part> {
+        let open = self.open.get(&of)?;
+        let fits = len > 0 && u64::from(len) <= open.label.bytes() - open.filled;
+        let len = usize::try_from(len).ok().filter(|_| fits)?;
+        Some(match packed {
+            None => Part::Bytes { of, left: len },
+            Some(left) => {
+                let left = usize::try_from(left).ok().filter(|left| *left > 0 && *left < len)?;
+                let piece = Vec::new();
+                (len <= BLOCK).then_some(Part::Packed { of, piece, left, len })?
+            }
+        })
     }
 
     /// What a service says first.
@@ -247,8 +276,8 @@ fn missing(bytes: &[u8]) -> Option<usize> {
     len.checked_sub(rest.len())
 }
 
-/// Reads no more than belongs to a label: the bytes after it go elsewhere.
-fn read_label(stream: &mut UnixStream, bytes: &mut Vec<u8>) -> io::Result<usize> {
+/// Reads no more than belongs to an item: the bytes after it go elsewhere.
+fn read_item(stream: &mut UnixStream, bytes: &mut Vec<u8>) -> io::Result<usize> {
     let missing = missing(bytes).ok_or_else(nonsense)?;
     read_more(stream, bytes, missing)
 }
@@ -262,20 +291,12 @@ fn read_more(stream: &mut UnixStream, bytes: &mut Vec<u8>, missing: usize) -> io
     some(read)
 }
 
-fn read_bytes(
-    stream: &mut UnixStream,
-    left: u64,
-    into: Option<&mut WritableLoan>,
-) -> io::Result<usize> {
-    let rest = usize::try_from(left).unwrap_or(usize::MAX);
+fn read_bytes(stream: &mut UnixStream, left: usize, into: Option<&Content>) -> io::Result<usize> {
     match into {
-        Some(loan) => {
-            let at = loan.len() - rest;
-            some(stream.read(&mut loan[at..]))
-        }
+        Some(content) => some(content.read_from(stream, left)),
         None => {
             let mut forgotten = [0; FORGOTTEN];
-            some(stream.read(&mut forgotten[..rest.min(FORGOTTEN)]))
+            some(stream.read(&mut forgotten[..left.min(FORGOTTEN)]))
         }
     }
 }

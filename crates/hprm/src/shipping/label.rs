@@ -1,11 +1,12 @@
 //! What two shipping services say to one another, over a link that agents lead.
 //!
 //! ```text
-//! sender:     len:u32 Hello   then  len:u32 Item,  with bytes behind each shipment, perhaps in blocks
+//! sender:     len:u32 Hello   then  len:u32 Item,  with bytes behind each piece
 //! receiver:   for each shipment that it has          stream:u64 number:u64
 //! ```
 //!
-//! Lengths and numbers are little endian, `Hello` and [`Item`] in the format of `postcard`. A shipment that has no
+//! Lengths and numbers are little endian, `Hello` and [`Item`] in the format of `postcard`. Pieces of one shipment come in
+//! order, and between them may be those of others: of what a router leads, not all may be there. A shipment that has no
 //! receipt when the link ends is sent again over the next one.
 
 use hprm_core::Shipment;
@@ -16,7 +17,7 @@ use super::records::Destination;
 use crate::records::encode;
 
 /// The version of this protocol.
-pub(super) const VERSION: u32 = 2;
+pub(super) const VERSION: u32 = 3;
 
 /// The most bytes of a label, or of what a service says first: there is room for all federates of a federation.
 pub(super) const LABEL_LIMIT: usize = 1 << 20;
@@ -37,11 +38,22 @@ pub(super) struct Hello {
     pub(super) leads: Vec<String>,
 }
 
+/// Which shipment it is.
+pub(super) type Key = (u64, u64);
+
+/// The most shipments that have begun on a link and are not complete.
+pub(super) const OPEN: usize = 64;
+
 /// What the sender says after that.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub(super) enum Item {
-    /// The bytes of a shipment follow.
+    /// A shipment begins. Its bytes come in pieces.
     Shipment(Label),
+    /// Its next `len` bytes follow, as they are, or compressed to so many.
+    Piece { of: Key, len: u32, packed: Option<u32> },
+    /// The other pieces of a shipment do not come over this link, because they have not come to the sender. If they do, it
+    /// begins anew.
+    Broken { of: Key },
     /// It leads shipments of another machine here from now on, or that machine does not reach it any more.
     Leads { machine: String, is_there: bool },
 }
@@ -55,15 +67,15 @@ pub(super) struct Label {
     /// The machine of the sender.
     pub(super) from: String,
     pub(super) to: Vec<Destination>,
-    /// Whether its bytes travel in compressed blocks.
+    /// Whether its pieces are compressed.
     pub(super) compress: bool,
-    /// Why no bytes follow, if none do: then the shipment is lost.
+    /// Why no bytes come, if none do: then the shipment is lost.
     #[serde(deserialize_with = "crate::shown::maybe")]
     pub(super) lost: Option<String>,
 }
 
 impl Label {
-    /// How many bytes follow.
+    /// How many bytes come.
     pub(super) fn bytes(&self) -> u64 {
         if self.lost.is_some() { 0 } else { self.shipment.len }
     }

@@ -1,18 +1,19 @@
 //! What leaves for one machine, in order, over a link that is opened again when it ends.
 //!
-//! A shipment is held until its receipt comes, and is sent again over the next link if none has. The service opens
-//! links; this file says when it should.
+//! A shipment is held until its receipt comes, and is sent again over the next link if none has. Of one that is still
+//! coming, what is there leaves; while nothing is, others pass it. The service opens links; this file says when it should.
 
 use std::collections::{BTreeSet, VecDeque};
 use std::io::{self, IoSlice, Read, Write};
+use std::ops::Range;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
 
 use hprm_core::{Nanos, PhysicalTime, Shipment};
-use hprm_store::Object;
 
 use super::blocks::{BLOCK, packed};
-use super::label::{Hello, Item, Label, RECEIPT, VERSION, framed, receipt};
+use super::content::Content;
+use super::label::{Hello, Item, Label, OPEN, RECEIPT, VERSION, framed, receipt};
 
 /// How long after a link has ended, or could not be opened, the next one is opened.
 const PAUSE: Nanos = 500_000_000;
@@ -57,25 +58,29 @@ enum Link {
 #[derive(Debug)]
 struct OpenLink {
     stream: UnixStream,
-    /// What is left of what is said first.
-    hello: Vec<u8>,
-    /// How many shipments have been written completely and wait for their receipts; and how many bytes of the next.
+    writing: Writing,
+    /// How many shipments at the front are complete on this link, and wait for their receipts.
     sent: usize,
-    written: usize,
-    /// The block of that shipment that is being written, if it is compressed.
-    block: Block,
     /// A receipt of which not all bytes have come, and whether any has come whole.
     receipt: Vec<u8>,
     has_receipts: bool,
 }
 
-/// A compressed block.
+/// What is being written: items, and the bytes of a piece behind them.
 #[derive(Debug, Default)]
-struct Block {
-    bytes: Vec<u8>,
+struct Writing {
+    items: Vec<u8>,
+    piece: Piece,
     written: usize,
-    /// How many bytes of the shipment are in this block and in those before it.
-    taken: usize,
+}
+
+#[derive(Debug, Default)]
+enum Piece {
+    #[default]
+    Nothing,
+    /// These bytes of a shipment.
+    Of(Content, Range<usize>),
+    Packed(Vec<u8>),
 }
 
 /// A shipment with its bytes, or what is told between shipments.
@@ -84,18 +89,27 @@ struct Cargo {
     /// None of what is only told: there is no receipt for that.
     shipment: Option<Shipment>,
     item: Item,
-    /// The item as bytes.
-    label: Vec<u8>,
     /// None if it is lost.
-    object: Option<Object>,
+    content: Option<Content>,
     compress: bool,
+    /// Whether it has begun on this link, and how many of its bytes have.
+    has_begun: bool,
+    taken: usize,
+    /// Whether the rest of it does not come. It has begun here, so the other end is to be told.
+    is_broken: bool,
 }
 
 impl Cargo {
-    fn shipment(label: Label, object: Option<Object>) -> Self {
+    fn shipment(label: Label, content: Option<Content>) -> Self {
         let (shipment, compress) = (Some(label.shipment), label.compress);
-        let item = Item::Shipment(label);
-        Self { shipment, label: framed(&item), item, object, compress }
+        let (item, has_begun, is_broken) = (Item::Shipment(label), false, false);
+        Self { shipment, item, content, compress, has_begun, taken: 0, is_broken }
+    }
+
+    fn told(item: Item) -> Self {
+        let (shipment, content, compress) = (None, None, false);
+        let (has_begun, is_broken) = (false, false);
+        Self { shipment, item, content, compress, has_begun, taken: 0, is_broken }
     }
 
     /// The same without its bytes, which will not come.
@@ -104,7 +118,7 @@ impl Cargo {
             Item::Shipment(label) => {
                 Self::shipment(Label { lost: Some(why.to_owned()), ..label }, None)
             }
-            Item::Leads { .. } => self,
+            item => Self::told(item),
         }
     }
 
@@ -112,12 +126,27 @@ impl Cargo {
     fn label_of(&self) -> Option<&Label> {
         match &self.item {
             Item::Shipment(label) => Some(label),
-            Item::Leads { .. } => None,
+            _ => None,
         }
     }
 
-    fn bytes(&self) -> &[u8] {
-        self.object.as_ref().map_or(&[], Object::as_bytes)
+    /// How many of its bytes are there, and have not begun on this link.
+    fn ready(&self) -> usize {
+        self.content.as_ref().map_or(0, |it| it.there().saturating_sub(self.taken))
+    }
+
+    /// Whether it is on this link as a whole.
+    fn is_complete(&self) -> bool {
+        let bytes = self.label_of().map_or(0, Label::bytes);
+        self.has_begun && self.taken as u64 == bytes
+    }
+
+    /// Whether there is something of it to be written, if others may begin or not.
+    fn has_more(&self, may_begin: bool) -> bool {
+        match self.has_begun {
+            true => self.is_broken || self.ready() > 0,
+            false => may_begin,
+        }
     }
 }
 
@@ -136,11 +165,21 @@ impl Outgoing {
     }
 
     /// Adds a shipment.
-    pub(super) fn push(&mut self, label: &Label, object: Option<Object>, now: PhysicalTime) {
+    pub(super) fn push(&mut self, label: &Label, content: Option<Content>, now: PhysicalTime) {
         if self.cargo.is_empty() {
             self.reached_at = now;
         }
-        self.cargo.push_back(Cargo::shipment(label.clone(), object));
+        self.cargo.push_back(Cargo::shipment(label.clone(), content));
+    }
+
+    /// Some of what was coming is broken. What has begun here stays until the other end is told.
+    pub(super) fn drop_broken(&mut self) {
+        let is_broken = |it: &Cargo| it.content.as_ref().is_some_and(Content::is_broken);
+        self.cargo.retain(|it| it.has_begun || !is_broken(it));
+        for cargo in self.cargo.iter_mut().filter(|it| is_broken(it)) {
+            // A piece that is being written holds its bytes itself.
+            (cargo.content, cargo.is_broken) = (None, true);
+        }
     }
 
     /// Shipments of another machine are led there, as long as that reaches this one.
@@ -151,9 +190,8 @@ impl Outgoing {
         };
         // Without a link, the next one begins with it.
         if changes && matches!(self.link, Link::Open(_)) {
-            let item = Item::Leads { machine: machine.to_owned(), is_there };
-            let (shipment, label, object) = (None, framed(&item), None);
-            self.cargo.push_back(Cargo { shipment, label, item, object, compress: false });
+            let machine = machine.to_owned();
+            self.cargo.push_back(Cargo::told(Item::Leads { machine, is_there }));
         }
     }
 
@@ -202,10 +240,8 @@ impl Outgoing {
                 self.reached_at = now;
                 self.link = Link::Open(OpenLink {
                     stream,
-                    hello,
+                    writing: Writing { items: hello, ..Writing::default() },
                     sent: 0,
-                    written: 0,
-                    block: Block::default(),
                     receipt: Vec::new(),
                     has_receipts: false,
                 });
@@ -224,6 +260,9 @@ impl Outgoing {
             let is_in_vain = !link.has_receipts && !self.cargo.is_empty();
             self.in_vain = if is_in_vain { self.in_vain + 1 } else { 0 };
         }
+        // All of it begins again.
+        self.cargo.retain(|it| !it.is_broken);
+        self.cargo.iter_mut().for_each(|it| (it.has_begun, it.taken) = (false, 0));
         let mut dropped = 0;
         if now.since(self.reached_at) > GIVE_UP {
             (self.reached_at, dropped) = (now, self.cargo.len());
@@ -235,7 +274,7 @@ impl Outgoing {
             self.cargo.drain(..dropped.min(self.cargo.len())).collect::<Vec<_>>().into_iter().rev()
         {
             // Its receivers wait for it, so they are told when they can be.
-            if cargo.object.is_some() {
+            if cargo.content.is_some() {
                 self.done.extend(cargo.shipment);
                 self.cargo.push_front(cargo.lost("its machine was not reached for too long"));
             }
@@ -251,21 +290,21 @@ impl Outgoing {
     }
 
     /// Takes these shipments out: another way leads there.
-    pub(super) fn take_stranded(&mut self) -> Vec<(Label, Option<Object>)> {
+    pub(super) fn take_stranded(&mut self) -> Vec<(Label, Option<Content>)> {
         let from = &self.from;
         let is_own = |it: &Cargo| it.label_of().is_some_and(|label| label.from == *from);
         let (own, others) = self.cargo.drain(..).partition(is_own);
         self.cargo = others;
         let own: VecDeque<Cargo> = own;
         let own = own.into_iter();
-        own.filter_map(|it| Some((it.label_of()?.clone(), it.object))).collect()
+        own.filter_map(|it| Some((it.label_of()?.clone(), it.content))).collect()
     }
 
     /// What to wait for: the link, and whether it is to be written.
     pub(super) fn interest(&self) -> Option<(BorrowedFd<'_>, bool)> {
         match &self.link {
             Link::Open(link) => {
-                let writes = !link.hello.is_empty() || link.sent < self.cargo.len();
+                let writes = !link.writing.is_over() || link.next(&self.cargo).is_some();
                 Some((link.stream.as_fd(), writes))
             }
             _ => None,
@@ -295,17 +334,17 @@ impl OpenLink {
     fn write(&mut self, cargo: &mut VecDeque<Cargo>) -> io::Result<()> {
         let mut turn = 0;
         while turn < TURN {
-            let written = if !self.hello.is_empty() {
-                self.stream.write(&self.hello)
-            } else if let Some(next) = cargo.get(self.sent) {
-                self.write_cargo(next)
-            } else {
+            if self.writing.is_over() && !self.go_on(cargo) {
                 return Ok(());
-            };
-            match written {
+            }
+            match self.writing.write(&self.stream) {
                 Ok(count) => {
                     turn += count;
-                    self.wrote(count, cargo);
+                    self.writing.written += count;
+                    if self.writing.is_over() {
+                        // Nothing is held that is not needed.
+                        self.writing = Writing::default();
+                    }
                 }
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
@@ -315,55 +354,46 @@ impl OpenLink {
         Ok(())
     }
 
-    /// Writes some of a shipment.
-    fn write_cargo(&mut self, next: &Cargo) -> io::Result<usize> {
-        let label = next.label.get(self.written..).unwrap_or_default();
-        if !next.compress {
-            let from = self.written.saturating_sub(next.label.len());
-            let bytes = &next.bytes()[from..];
-            return self.stream.write_vectored(&[IoSlice::new(label), IoSlice::new(bytes)]);
-        }
-        if !label.is_empty() {
-            return self.stream.write(label);
-        }
-        if self.block.written == self.block.bytes.len() {
-            let rest = &next.bytes()[self.block.taken..];
-            let more = &rest[..rest.len().min(BLOCK)];
-            let taken = self.block.taken + more.len();
-            self.block = Block { bytes: packed(more), written: 0, taken };
-        }
-        self.stream.write(&self.block.bytes[self.block.written..])
-    }
-
-    /// Whether all of a shipment has been written.
-    fn has_written(&self, next: &Cargo) -> bool {
-        let (label, bytes) = (next.label.len(), next.bytes().len());
-        if !next.compress {
-            return self.written == label + bytes;
-        }
-        let block = &self.block;
-        self.written == label && block.taken == bytes && block.written == block.bytes.len()
-    }
-
-    fn wrote(&mut self, count: usize, cargo: &mut VecDeque<Cargo>) {
-        if !self.hello.is_empty() {
-            self.hello.drain(..count);
-            return;
-        }
-        let next = &cargo[self.sent];
-        if next.compress && self.written == next.label.len() {
-            self.block.written += count;
-        } else {
-            self.written += count;
-        }
-        if self.has_written(next) {
-            self.block = Block::default();
-            self.written = 0;
-            match next.shipment {
-                Some(_) => self.sent += 1,
-                None => drop(cargo.remove(self.sent)),
+    /// Which of the cargo is written next: the first of which something is there.
+    fn next(&self, cargo: &VecDeque<Cargo>) -> Option<usize> {
+        let mut open = 0;
+        for (at, one) in cargo.iter().enumerate().skip(self.sent) {
+            if one.has_more(open < OPEN) {
+                return Some(at);
             }
+            if !one.has_begun {
+                // What is behind it must not begin before it.
+                return None;
+            }
+            open += usize::from(!one.is_complete());
         }
+        None
+    }
+
+    /// Goes on with the next of the cargo; false if nothing of it is there.
+    fn go_on(&mut self, cargo: &mut VecDeque<Cargo>) -> bool {
+        let Some(at) = self.next(cargo) else { return false };
+        let next = &mut cargo[at];
+        if next.is_broken {
+            let broken = next.shipment.map(|it| framed(&Item::Broken { of: it.key() }));
+            self.writing.items.extend(broken.unwrap_or_default());
+            cargo.remove(at);
+            return true;
+        }
+        if !next.has_begun {
+            next.has_begun = true;
+            self.writing.items = framed(&next.item);
+        }
+        if let Some(shipment) = next.shipment {
+            self.writing.add_piece(next, shipment);
+        } else {
+            // There is no receipt for what is only told.
+            cargo.remove(at);
+        }
+        while cargo.get(self.sent).is_some_and(Cargo::is_complete) {
+            self.sent += 1;
+        }
+        true
     }
 
     /// Reads receipts. A shipment is dropped once its receipt has come.
@@ -380,14 +410,60 @@ impl OpenLink {
             let whole = self.receipt.len() - self.receipt.len() % RECEIPT;
             for came in self.receipt.drain(..whole).collect::<Vec<_>>().chunks(RECEIPT) {
                 let is_meant = |it: &Cargo| it.shipment.map(receipt).is_some_and(|it| it == *came);
-                let at = cargo.iter().take(self.sent).position(is_meant);
-                if let Some(cargo) = at.and_then(|at| cargo.remove(at)) {
-                    self.sent -= 1;
+                let at = cargo.iter().position(|it| it.is_complete() && is_meant(it));
+                if let Some((at, cargo)) = at.and_then(|at| Some((at, cargo.remove(at)?))) {
+                    self.sent -= usize::from(at < self.sent);
                     self.has_receipts = true;
                     // What is lost has been given up before.
-                    done.extend(cargo.shipment.filter(|_| cargo.object.is_some()));
+                    done.extend(cargo.shipment.filter(|_| cargo.content.is_some()));
                 }
             }
+        }
+    }
+}
+
+impl Writing {
+    fn is_over(&self) -> bool {
+        self.written == self.items.len() + self.piece.len()
+    }
+
+    /// Adds the next bytes of a shipment, if some are there.
+    fn add_piece(&mut self, cargo: &mut Cargo, shipment: Shipment) {
+        let len = cargo.ready().min(BLOCK);
+        let Some(content) = cargo.content.as_ref().filter(|_| len > 0) else { return };
+        let range = cargo.taken..cargo.taken + len;
+        let pack = |bytes: &[u8]| bytes.get(range.clone()).and_then(packed);
+        self.piece = match cargo.compress.then(|| content.look(pack)).flatten() {
+            Some(bytes) => Piece::Packed(bytes),
+            None => Piece::Of(content.clone(), range.clone()),
+        };
+        cargo.taken = range.end;
+        let short = |len: usize| u32::try_from(len).expect("a piece is short");
+        let packed = matches!(self.piece, Piece::Packed(_)).then(|| short(self.piece.len()));
+        self.items.extend(framed(&Item::Piece { of: shipment.key(), len: short(len), packed }));
+    }
+
+    /// Writes some of what is left.
+    fn write(&self, mut stream: &UnixStream) -> io::Result<usize> {
+        let items = self.items.get(self.written..).unwrap_or_default();
+        let from = self.written.saturating_sub(self.items.len());
+        let mut write = |piece: &[u8]| {
+            stream.write_vectored(&[IoSlice::new(items), IoSlice::new(&piece[from..])])
+        };
+        match &self.piece {
+            Piece::Nothing => write(&[]),
+            Piece::Packed(bytes) => write(bytes),
+            Piece::Of(content, range) => content.look(|bytes| write(&bytes[range.clone()])),
+        }
+    }
+}
+
+impl Piece {
+    fn len(&self) -> usize {
+        match self {
+            Self::Nothing => 0,
+            Self::Of(_, range) => range.len(),
+            Self::Packed(bytes) => bytes.len(),
         }
     }
 }

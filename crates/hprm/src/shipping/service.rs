@@ -13,9 +13,10 @@ use std::time::Duration;
 
 use hprm_core::{FederateId, Nanos, PhysicalTime, Shipment};
 use hprm_federated::{FederationId, relay};
-use hprm_store::{Object, WritableLoan};
+use hprm_store::WritableLoan;
 use rustix::event::{EventfdFlags, eventfd};
 
+use super::content::Content;
 use super::customer::{Customer, Joined};
 use super::depot::Depot;
 use super::incoming::{Came, Incoming};
@@ -213,8 +214,8 @@ impl ShippingService {
             return;
         }
         let taken = self.outgoing.get_mut(hop).map(Outgoing::take_stranded).unwrap_or_default();
-        for (label, object) in taken {
-            self.send(&label, object.as_ref());
+        for (label, content) in taken {
+            self.send(&label, content.as_ref());
         }
     }
 
@@ -268,7 +269,7 @@ impl ShippingService {
                 let (federation, from) = (joined.federation, self.machine.clone());
                 let label = Label { federation, shipment, from, to, compress, lost: None };
                 (framed(&label).len() < LABEL_LIMIT).then_some(())?;
-                self.send(&label, Some(&object));
+                self.send(&label, Some(&Content::whole(object)));
             }
             Ask::Release { serials } => {
                 let depot = self.depots.get_mut(&joined.federation)?;
@@ -310,12 +311,12 @@ impl ShippingService {
 
     /// Sends a shipment to the machines on its label: once to each that is next on the way to some of them. To federates
     /// of this machine the bytes are copied, as if they had come.
-    fn send(&mut self, label: &Label, object: Option<&Object>) {
+    fn send(&mut self, label: &Label, content: Option<&Content>) {
         let mut hops: BTreeMap<String, Vec<Destination>> = BTreeMap::new();
         for (machine, receivers) in &label.to {
             if *machine == self.machine {
-                if let Some(object) = object {
-                    self.copy_here(label, object, receivers);
+                if let Some(content) = content {
+                    self.copy_here(label, content, receivers);
                 }
             } else {
                 let hop = self.routes.hop(machine);
@@ -323,13 +324,13 @@ impl ShippingService {
             }
         }
         for (hop, to) in hops {
-            self.send_to(hop, &Label { to, ..label.clone() }, object.cloned());
+            self.send_to(hop, &Label { to, ..label.clone() }, content.cloned());
         }
     }
 
     /// Sends a shipment to one machine.
-    fn send_to(&mut self, machine: String, label: &Label, object: Option<Object>) {
-        self.outgoing_to(machine).push(label, object, Clock::now());
+    fn send_to(&mut self, machine: String, label: &Label, content: Option<Content>) {
+        self.outgoing_to(machine).push(label, content, Clock::now());
     }
 
     fn outgoing_to(&mut self, machine: String) -> &mut Outgoing {
@@ -337,11 +338,12 @@ impl ShippingService {
         outgoing.or_insert_with(|| Outgoing::new(&self.machine, Clock::now()))
     }
 
-    fn copy_here(&mut self, label: &Label, object: &Object, receivers: &[(FederateId, u32)]) {
+    fn copy_here(&mut self, label: &Label, content: &Content, receivers: &[(FederateId, u32)]) {
         match self.loan(label) {
             Ok(Some(mut loan)) => {
-                crate::copy_value(&mut loan, object.as_bytes());
-                drop(self.deliver(label, loan, receivers));
+                content.look(|bytes| crate::copy_value(&mut loan, bytes));
+                let copy = Content::full(loan);
+                self.deliver(label, &copy, receivers);
             }
             Ok(None) => {}
             Err(why) => self.lose(label, receivers, &why),
@@ -369,14 +371,15 @@ impl ShippingService {
     }
 
     /// Hands a shipment to its receivers here.
-    fn deliver(
-        &mut self,
-        label: &Label,
-        loan: WritableLoan,
-        receivers: &[(FederateId, u32)],
-    ) -> Option<Object> {
-        let depot = self.depots.get_mut(&label.federation)?;
-        let (object, deliveries) = depot.deliver(label.shipment, loan, receivers);
+    fn deliver(&mut self, label: &Label, content: &Content, receivers: &[(FederateId, u32)]) {
+        let Some(depot) = self.depots.get_mut(&label.federation) else { return };
+        let mut deliveries = Vec::new();
+        let object = content.complete(|loan| {
+            let (object, all) = depot.deliver(label.shipment, loan, receivers);
+            deliveries = all;
+            object
+        });
+        let Some(object) = object else { return };
         for delivery in deliveries {
             let number = self.number_of(label.federation, delivery.reader);
             let customer = number.and_then(|number| self.customers.get_mut(&number));
@@ -386,7 +389,6 @@ impl ShippingService {
                 self.remove_customer(number);
             }
         }
-        Some(object)
     }
 
     /// Tells receivers here that a shipment will not come.
@@ -418,13 +420,25 @@ impl ShippingService {
         }
     }
 
-    /// What a message here waits for does not come over that link any more, nor what others wait for to which it is led.
+    /// What a message here waits for does not come over that link any more, nor what others wait for to which it is led. What
+    /// has come in part is not led on: it comes again, because it has no receipt.
     fn link_ended(&mut self, number: u64) {
         let Some(link) = self.incoming.remove(&number) else { return };
-        if let Some(machine) = link.machine() {
-            self.outgoing.values_mut().for_each(|outgoing| outgoing.lead(machine, false));
+        let machine = link.machine().map(str::to_owned);
+        // If the machine has opened another one, what comes over that is led on.
+        let comes = |machine: &String| {
+            self.incoming.values().any(|link| link.machine() == Some(machine.as_str()))
+        };
+        let machine = machine.filter(|machine| !comes(machine));
+        let reached = link.into_reached();
+        self.led.ended(number);
+        for outgoing in self.outgoing.values_mut() {
+            outgoing.drop_broken();
+            if let Some(machine) = &machine {
+                outgoing.lead(machine, false);
+            }
         }
-        for machine in link.into_reached() {
+        for machine in reached {
             if !is_reached(&self.incoming, &machine) {
                 self.gone(&machine);
             }
@@ -442,37 +456,22 @@ impl ShippingService {
             let Some(link) = self.incoming.get_mut(&number) else { return Ok(()) };
             match link.proceed()? {
                 Came::Nothing => return Ok(()),
-                Came::Label(mut label) => {
-                    // A router leads what comes from the sender's machine, and no further: nothing goes round.
-                    let leads = self.leads.load(Ordering::Relaxed);
-                    if !leads || link.machine() != Some(&label.from) {
-                        label.to.retain(|(machine, _)| *machine == self.machine);
-                    }
-                    for (machine, _) in self.elsewhere(&label) {
-                        self.outgoing_to(machine).lead(&label.from, true);
-                    }
-                    let loan = self.loan(&label).unwrap_or_else(|why| {
-                        self.lost(Label { lost: Some(why), ..label.clone() });
-                        None
-                    });
-                    if let Some(link) = self.incoming.get_mut(&number) {
-                        link.read_into(label, loan);
-                    }
-                }
+                Came::Label(label) => self.begins(number, label),
                 Came::Gone(machine) => {
                     if !is_reached(&self.incoming, &machine) {
                         self.gone(&machine);
                     }
                 }
-                Came::Shipment(label, loan) => {
-                    // Another link may have brought it meanwhile.
-                    let loan = loan.filter(|_| !self.remembers(&label));
-                    let led_to = if loan.is_some() { self.elsewhere(&label).len() } else { 0 };
-                    if !self.led.came(label.shipment, number, led_to) {
+                Came::Shipment(label, content) => {
+                    if !self.led.came(label.shipment, number) {
                         self.acknowledge(number, label.shipment)?;
                     }
-                    match loan {
-                        Some(loan) => self.arrived(&label, loan),
+                    match content {
+                        // Another link may have brought it meanwhile.
+                        Some(_) if self.remembers(&label) => {}
+                        Some(content) => {
+                            self.deliver(&label, &content, &self.receivers_here(&label));
+                        }
                         None if label.lost.is_some() => self.lost(label),
                         None => {}
                     }
@@ -480,6 +479,35 @@ impl ShippingService {
             }
         }
         Ok(())
+    }
+
+    /// A shipment begins to come over a link. What of it goes to other machines leaves as it comes.
+    fn begins(&mut self, number: u64, mut label: Label) {
+        // A router leads what comes from the sender's machine, and no further: nothing goes round.
+        let leads = self.leads.load(Ordering::Relaxed);
+        let is_direct = |link: &Incoming| link.machine() == Some(&label.from);
+        if !leads || !self.incoming.get(&number).is_some_and(is_direct) {
+            label.to.retain(|(machine, _)| *machine == self.machine);
+        }
+        // A machine has one link here, so one over which it came before has ended.
+        let before = self.led.comes_over(label.shipment).filter(|before| *before != number);
+        before.into_iter().for_each(|before| self.link_ended(before));
+        let elsewhere = self.elsewhere(&label);
+        for (machine, _) in &elsewhere {
+            self.outgoing_to(machine.clone()).lead(&label.from, true);
+        }
+        let loan = self.loan(&label).unwrap_or_else(|why| {
+            self.lost(Label { lost: Some(why), ..label.clone() });
+            None
+        });
+        let content = loan.map(Content::new);
+        if content.is_some() {
+            self.led.begins(label.shipment, number, elsewhere.len());
+            self.lead_on(&label, content.as_ref());
+        }
+        if let Some(link) = self.incoming.get_mut(&number) {
+            link.read_into(label, content);
+        }
     }
 
     fn remembers(&self, label: &Label) -> bool {
@@ -510,13 +538,7 @@ impl ShippingService {
         label.to.iter().filter(|(machine, _)| *machine != self.machine).cloned().collect()
     }
 
-    /// A shipment is here, and perhaps goes on.
-    fn arrived(&mut self, label: &Label, loan: WritableLoan) {
-        let Some(object) = self.deliver(label, loan, &self.receivers_here(label)) else { return };
-        self.lead_on(label, Some(&object));
-    }
-
-    /// The same if it will not come.
+    /// A shipment will not come.
     fn lost(&mut self, label: Label) {
         let why = label.lost.clone().unwrap_or_default();
         self.lose(&label, &self.receivers_here(&label), &why);
@@ -524,10 +546,10 @@ impl ShippingService {
     }
 
     /// Sends a shipment on to the other machines on its label, or tells them that it is lost.
-    fn lead_on(&mut self, label: &Label, object: Option<&Object>) {
+    fn lead_on(&mut self, label: &Label, content: Option<&Content>) {
         for (machine, receivers) in self.elsewhere(label) {
             let to = vec![(machine.clone(), receivers)];
-            self.send_to(machine, &Label { to, ..label.clone() }, object.cloned());
+            self.send_to(machine, &Label { to, ..label.clone() }, content.cloned());
         }
     }
 

@@ -4,10 +4,11 @@ use std::os::unix::net::UnixStream;
 
 use hprm_core::{FederateId, ObjectRef, Part, Payload, PhysicalTime, Shipment};
 use hprm_federated::FederationId;
-use hprm_store::{Store, StoreLimits, WritableLoan};
+use hprm_store::{Store, StoreLimits};
 use proptest::prelude::*;
 
 use super::SERVICE;
+use super::content::Content;
 use super::depot::Depot;
 use super::incoming::{Came, Incoming};
 use super::label::{Label, receipt};
@@ -61,14 +62,14 @@ impl Receiver {
                 Ok(Came::Label(label)) => {
                     let known = self.depot.remembers(label.shipment);
                     let loan = (!known).then(|| self.depot.loan(label.shipment.len).unwrap());
-                    link.read_into(label, loan);
+                    link.read_into(label, loan.map(Content::new));
                 }
-                Ok(Came::Shipment(label, loan)) => {
+                Ok(Came::Shipment(label, content)) => {
                     // The receipt may be lost.
                     let ended = link.acknowledge(label.shipment).is_err() || self.budget == 0;
                     self.budget = self.budget.saturating_sub(1);
-                    if let Some(loan) = loan {
-                        self.deliver(&label, loan);
+                    if let Some(content) = content {
+                        self.deliver(&label, &content);
                     }
                     if ended {
                         self.link = None;
@@ -79,9 +80,15 @@ impl Receiver {
         }
     }
 
-    fn deliver(&mut self, label: &Label, loan: WritableLoan) {
+    fn deliver(&mut self, label: &Label, content: &Content) {
         let receivers = &label.to[0].1;
-        let (object, deliveries) = self.depot.deliver(label.shipment, loan, receivers);
+        let mut deliveries = Vec::new();
+        let object = content.complete(|loan| {
+            let (object, all) = self.depot.deliver(label.shipment, loan, receivers);
+            deliveries = all;
+            object
+        });
+        let object = object.unwrap();
         assert_eq!(deliveries.len(), 1);
         let got = (label.shipment.number, object.as_bytes().to_vec(), deliveries[0].uses);
         self.delivered.push(got);
@@ -109,7 +116,7 @@ fn send_all(lens: &[usize], compress: bool, breaks: &[usize]) -> Vec<(u64, Vec<u
         let object = store.put(&bytes(number, *len), &[me]).unwrap();
         let object = store.open(object).unwrap();
         let label = Label { compress, ..label(shipment(number, *len), &[(3, 2), (9, 1)]) };
-        outgoing.push(&label, Some(object), NOW);
+        outgoing.push(&label, Some(Content::whole(object)), NOW);
     }
     let mut now = NOW;
     for rest in breaks.iter().map(Some).chain([None]) {
@@ -138,6 +145,127 @@ fn send_all(lens: &[usize], compress: bool, breaks: &[usize]) -> Vec<(u64, Vec<u
     receiver.delivered
 }
 
+/// A router between a sender and a receiver, and how many bytes it takes on its links with both.
+struct Hub {
+    depot: Depot,
+    link: Option<Incoming>,
+    onward: Outgoing,
+    /// What comes, or waits for its receipt from the other end.
+    led: std::collections::BTreeSet<u64>,
+}
+
+impl Hub {
+    fn new() -> Self {
+        let (depot, onward) = (Depot::new(NOW), Outgoing::new("hub", NOW));
+        Self { depot, link: None, onward, led: std::collections::BTreeSet::new() }
+    }
+
+    /// Takes what has come, as the service does.
+    fn proceed(&mut self) {
+        loop {
+            let Some(link) = &mut self.link else { return };
+            match link.proceed() {
+                Err(_) => return self.breaks(),
+                Ok(Came::Nothing) => return,
+                Ok(Came::Gone(machine)) => panic!("{machine} is gone"),
+                Ok(Came::Label(label)) => {
+                    let known = self.depot.remembers(label.shipment);
+                    let loan = (!known).then(|| self.depot.loan(label.shipment.len).unwrap());
+                    let content = loan.map(Content::new);
+                    if content.is_some() {
+                        self.led.insert(label.shipment.number);
+                        self.onward.push(&label, content.clone(), NOW);
+                    }
+                    link.read_into(label, content);
+                }
+                Ok(Came::Shipment(label, content)) => {
+                    if let Some(content) = content {
+                        let depot = &mut self.depot;
+                        let made =
+                            content.complete(|loan| depot.deliver(label.shipment, loan, &[]).0);
+                        assert!(made.is_some());
+                    }
+                    if !self.led.contains(&label.shipment.number) {
+                        drop(link.acknowledge(label.shipment));
+                    }
+                }
+            }
+        }
+    }
+
+    /// The link of the sender ends.
+    fn breaks(&mut self) {
+        drop(self.link.take().map(Incoming::into_reached));
+        self.onward.drop_broken();
+    }
+
+    /// Gives the sender the receipts for what the receiver has.
+    fn settle(&mut self) {
+        for shipment in self.onward.take_done() {
+            self.led.remove(&shipment.number);
+            if let Some(link) = &mut self.link {
+                drop(link.acknowledge(shipment));
+            }
+        }
+    }
+}
+
+/// A pair of sockets that never wait.
+fn pair() -> (UnixStream, UnixStream) {
+    let (one, other) = UnixStream::pair().unwrap();
+    one.set_nonblocking(true).unwrap();
+    other.set_nonblocking(true).unwrap();
+    (one, other)
+}
+
+/// Leads shipments through a router. Each turn says who acts, and ends a link now and then.
+fn lead_all(lens: &[usize], compress: bool, turns: &[(usize, u8)]) -> Vec<(u64, Vec<u8>, u32)> {
+    let me = FederateId(0);
+    let mut store = Store::new(me, StoreLimits::default());
+    let (mut sender, mut hub, mut receiver) =
+        (Outgoing::new("here", NOW), Hub::new(), Receiver::new());
+    for (number, len) in (0..).zip(lens) {
+        let object = store.put(&bytes(number, *len), &[me]).unwrap();
+        let label = Label { compress, ..label(shipment(number, *len), &[(3, 2)]) };
+        sender.push(&label, Some(Content::whole(store.open(object).unwrap())), NOW);
+    }
+    let mut now = NOW;
+    let all = turns.iter().copied().chain((0..3_000).map(|turn| (turn % 3, 9)));
+    // After more links without a receipt, a shipment would count as lost.
+    let mut ends = [3, 3, 0];
+    for (actor, fate) in all {
+        now = now.plus(1_000_000_000);
+        if sender.begins_to_open(now) {
+            hub.breaks();
+            let (one, other) = pair();
+            hub.link = Some(Incoming::new(other));
+            sender.opened(Ok(one), now);
+        }
+        if hub.onward.begins_to_open(now) {
+            connect(&mut hub.onward, &mut receiver, now);
+        }
+        let breaks = fate < 4 && ends[actor] > 0;
+        ends[actor] -= usize::from(breaks);
+        match (actor, breaks) {
+            (0, true) => hub.breaks(),
+            (1, true) => receiver.link = None,
+            (0, _) => sender.proceed(now),
+            (1, _) => {
+                hub.proceed();
+                hub.onward.proceed(now);
+                hub.settle();
+            }
+            _ => drop(receiver.proceed()),
+        }
+        if sender.is_empty() {
+            break;
+        }
+    }
+    assert!(sender.is_empty() && hub.onward.is_empty() && hub.led.is_empty());
+    assert_eq!(hub.depot.bytes_in_use(), 0);
+    receiver.delivered
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
 
@@ -153,6 +281,20 @@ proptest! {
         for ((number, len), got) in (0..).zip(&lens).zip(delivered) {
             // The receiver is named twice, and gets it with two messages.
             prop_assert!(got == (number, bytes(number, *len), 2), "{number}");
+        }
+    }
+
+    /// What is sent on while it comes is what was sent, whenever either link ends, and comes once.
+    #[test]
+    fn what_is_led_on_while_it_comes_is_whole(
+        lens in prop::collection::vec(1..600_000_usize, 1..4),
+        compress in any::<bool>(),
+        turns in prop::collection::vec((0..3_usize, 0..30_u8), 0..60),
+    ) {
+        let delivered = lead_all(&lens, compress, &turns);
+        prop_assert_eq!(delivered.len(), lens.len());
+        for (number, got, uses) in delivered {
+            prop_assert!(got == bytes(number, lens[number as usize]) && uses == 2, "{number}");
         }
     }
 
@@ -182,7 +324,7 @@ fn what_cannot_be_sent_for_long_is_dropped() {
     let object = store.put(&[1; 1000], &[me]).unwrap();
     let object = store.open(object).unwrap();
     let mut outgoing = Outgoing::new("here", NOW);
-    outgoing.push(&label(shipment(1, 1000), &[(3, 1)]), Some(object), NOW);
+    outgoing.push(&label(shipment(1, 1000), &[(3, 1)]), Some(Content::whole(object)), NOW);
     let mut now = NOW;
     let mut freed = None;
     while !outgoing.is_empty() {
@@ -209,7 +351,8 @@ fn what_ends_links_again_and_again_lets_others_pass() {
     for number in 1..=2 {
         let object = store.put(&[1; 1000], &[me]).unwrap();
         let label = label(shipment(number, 1000), &[(3, 1)]);
-        outgoing.push(&label, Some(store.open(object).unwrap()), NOW);
+        let content = Content::whole(store.open(object).unwrap());
+        outgoing.push(&label, Some(content), NOW);
     }
     let mut receiver = Receiver::new();
     let mut now = NOW;
@@ -247,6 +390,68 @@ fn a_lost_shipment_has_no_bytes() {
     assert_eq!(label.lost.as_deref(), Some("no memory"));
     assert_eq!((link.machine(), link.reaches("here")), (Some("here"), true));
     assert_eq!(receipt(label.shipment)[0], 1);
+}
+
+/// A router that has the beginning of a shipment, the link that brought it, and a receiver behind it.
+fn begun(filled: usize) -> (Outgoing, Content, Receiver) {
+    let mut receiver = Receiver::new();
+    let mut onward = Outgoing::new("hub", NOW);
+    let content = Content::new(Depot::new(NOW).loan(1000).unwrap());
+    content.read_from(&mut &bytes(1, 1000)[..filled], filled).unwrap();
+    onward.push(&label(shipment(1, 1000), &[(3, 1)]), Some(content.clone()), NOW);
+    assert!(onward.begins_to_open(NOW));
+    connect(&mut onward, &mut receiver, NOW);
+    onward.proceed(NOW);
+    assert!(receiver.proceed());
+    (onward, content, receiver)
+}
+
+#[test]
+fn what_is_here_of_a_shipment_leaves_before_the_rest_has_come() {
+    let (mut onward, content, mut receiver) = begun(600);
+    let waits = |onward: &Outgoing| !onward.interest().unwrap().1;
+    // All that was here has left.
+    assert!(waits(&onward) && receiver.delivered.is_empty());
+    // While nothing comes, others pass it.
+    let me = FederateId(0);
+    let mut store = Store::new(me, StoreLimits::default());
+    let object = store.put(&bytes(2, 500), &[me]).unwrap();
+    let other = Content::whole(store.open(object).unwrap());
+    onward.push(&label(shipment(2, 500), &[(3, 1)]), Some(other), NOW);
+    assert!(!waits(&onward));
+    onward.proceed(NOW);
+    receiver.proceed();
+    content.read_from(&mut &bytes(1, 1000)[600..], 400).unwrap();
+    onward.proceed(NOW);
+    receiver.proceed();
+    let expected = vec![(2, bytes(2, 500), 1), (1, bytes(1, 1000), 1)];
+    assert!(receiver.delivered == expected);
+    onward.proceed(NOW);
+    assert_eq!(onward.take_done(), [shipment(2, 500), shipment(1, 1000)]);
+    assert!(onward.is_empty() && waits(&onward));
+}
+
+#[test]
+fn what_breaks_off_is_forgotten_and_may_begin_anew() {
+    let (mut onward, content, mut receiver) = begun(600);
+    content.break_off();
+    onward.drop_broken();
+    let again = Content::new(Depot::new(NOW).loan(1000).unwrap());
+    onward.push(&label(shipment(1, 1000), &[(3, 1)]), Some(again.clone()), NOW);
+    onward.proceed(NOW);
+    assert!(receiver.proceed());
+    again.read_from(&mut &bytes(1, 1000)[..], 1000).unwrap();
+    onward.proceed(NOW);
+    assert!(receiver.proceed() && receiver.delivered == [(1, bytes(1, 1000), 1)]);
+    // What has not begun there leaves no trace.
+    onward.proceed(NOW);
+    assert!(onward.is_empty());
+    let (mut onward, content, _) = begun(0);
+    receiver.link = None;
+    onward.opened(Err(std::io::ErrorKind::NotFound.into()), NOW);
+    content.break_off();
+    onward.drop_broken();
+    assert!(onward.is_empty());
 }
 
 #[test]

@@ -54,6 +54,27 @@ fn label(number: u64, len: u64, to: &[(&str, u16)]) -> Label {
     }
 }
 
+/// Sends bytes of a shipment, perhaps its first ones.
+fn write_piece(there: &mut UnixStream, label: &Label, is_first: bool, len: u32) {
+    if is_first {
+        there.write_all(&framed(&Item::Shipment(label.clone()))).unwrap();
+    }
+    let piece = Item::Piece { of: label.shipment.key(), len, packed: None };
+    there.write_all(&framed(&piece)).unwrap();
+    there.write_all(&vec![5; len as usize]).unwrap();
+}
+
+/// The other end of a link to a machine to which the service wants one.
+fn behind(service: &mut ShippingService, machine: &str) -> UnixStream {
+    let (behind, here) = UnixStream::pair().unwrap();
+    here.set_nonblocking(true).unwrap();
+    behind.set_nonblocking(true).unwrap();
+    let outgoing = service.outgoing.get_mut(machine).unwrap();
+    assert!(outgoing.begins_to_open(Clock::now()));
+    outgoing.opened(Ok(here), Clock::now());
+    behind
+}
+
 /// Why a shipment is lost, as the federate is told.
 fn why(shipping: &mut Shipping, shipment: Shipment) -> Option<String> {
     let mut store = hprm_store::Store::new(FederateId(3), hprm_store::StoreLimits::default());
@@ -109,18 +130,10 @@ fn a_router_gives_the_receipt_when_those_behind_it_have_the_value() {
     let (_, mut there) = link(&mut service, "there");
     let label = label(1, 1000, &[("one", 3), ("other", 4)]);
     let expected = receipt(label.shipment);
-    there.write_all(&framed(&Item::Shipment(label))).unwrap();
-    there.write_all(&[5; 1000]).unwrap();
+    write_piece(&mut there, &label, true, 1000);
     service.read_links();
     let mut buffer = [0; RECEIPT];
-    let behind = ["one", "other"].map(|machine| {
-        let (behind, here) = UnixStream::pair().unwrap();
-        here.set_nonblocking(true).unwrap();
-        let outgoing = service.outgoing.get_mut(machine).unwrap();
-        assert!(outgoing.begins_to_open(Clock::now()));
-        outgoing.opened(Ok(here), Clock::now());
-        behind
-    });
+    let behind = ["one", "other"].map(|machine| behind(&mut service, machine));
     service.write_links();
     for mut behind in &behind {
         assert_eq!(there.read(&mut buffer).unwrap_err().kind(), io::ErrorKind::WouldBlock);
@@ -132,11 +145,43 @@ fn a_router_gives_the_receipt_when_those_behind_it_have_the_value() {
 }
 
 #[test]
+fn a_router_leads_on_what_is_here_and_begins_anew_when_it_comes_again() {
+    let (mut service, _) = service("through");
+    service.leads.store(true, Ordering::Relaxed);
+    let (_, mut there) = link(&mut service, "there");
+    let label = label(1, 1000, &[("one", 3)]);
+    write_piece(&mut there, &label, true, 600);
+    service.read_links();
+    let mut one = Incoming::new(behind(&mut service, "one"));
+    service.write_links();
+    let Came::Label(begun) = one.proceed().unwrap() else { panic!("nothing has begun") };
+    assert_eq!(begun.shipment, label.shipment);
+    let content = Content::new(service.loan(&begun).unwrap().unwrap());
+    one.read_into(begun, Some(content.clone()));
+    assert!(matches!(one.proceed().unwrap(), Came::Nothing));
+    assert_eq!(content.there(), 600);
+    // The sender opens another link before the end of the first one is known.
+    let (again, mut there_again) = link(&mut service, "there");
+    write_piece(&mut there_again, &label, true, 1000);
+    service.read_links();
+    service.write_links();
+    assert_eq!(service.incoming.keys().copied().collect::<Vec<_>>(), [again]);
+    let Came::Label(begun) = one.proceed().unwrap() else { panic!("it has not begun anew") };
+    assert!(content.is_broken());
+    one.read_into(begun, None);
+    let Came::Shipment(came, None) = one.proceed().unwrap() else { panic!("it is not whole") };
+    one.acknowledge(came.shipment).unwrap();
+    service.write_links();
+    let mut buffer = [0; RECEIPT];
+    there_again.read_exact(&mut buffer).unwrap();
+    assert_eq!(buffer, receipt(label.shipment));
+}
+
+#[test]
 fn a_machine_that_is_no_router_leads_nothing() {
     let (mut service, _) = service("none");
     let (_, mut there) = link(&mut service, "there");
-    there.write_all(&framed(&Item::Shipment(label(1, 1000, &[("one", 3)])))).unwrap();
-    there.write_all(&[5; 1000]).unwrap();
+    write_piece(&mut there, &label(1, 1000, &[("one", 3)]), true, 1000);
     service.read_links();
     assert!(service.outgoing.is_empty() && service.depots.is_empty());
     // It need not be sent again, either.
