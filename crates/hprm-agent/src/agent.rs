@@ -12,11 +12,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use hprm::agent::{Answer, Place, Request};
 use hprm::{Clock, ShippingService, random_bytes};
 use hprm_core::{Nanos, PhysicalTime};
-use hprm_federated::relay::{FRAME_LIMIT, Input, Relay};
+use hprm_federated::relay::{Input, Relay};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::Failure;
-use crate::carrier::{AgentId, Carrier, Event, LinkId, Opening};
+use crate::carrier::{AgentId, Carrier, Event, FRAME, LinkId, Opening};
 use crate::link::Link;
 use crate::local::{Local, answer};
 use crate::membership::Membership;
@@ -75,7 +75,7 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
     let limited = starters.limited();
     let carrier = Carrier::open(options, options.credentials.as_ref(), me.clone(), limited)?;
     let (links, others) = (BTreeMap::new(), Others::default());
-    let (ready, rival_since, buffer) = (Vec::new(), None, vec![0; FRAME_LIMIT].into());
+    let (ready, rival_since, buffer) = (Vec::new(), None, vec![0; FRAME].into());
     let shipping = ShippingService::open(&options.name).map_err(system)?;
     let leads_shipments = shipping.leads();
     leads_shipments.store(options.is_router(options.credentials.as_ref()), Ordering::Relaxed);
@@ -189,10 +189,11 @@ impl Agent {
         stops
     }
 
+    /// Takes what has happened elsewhere, and then does what follows from the packets among that.
     fn take_events(&mut self) {
         self.carrier.acknowledge();
-        for taken in 0.. {
-            let Some(event) = self.carrier.next() else { return };
+        for taken in 0..=EVENTS {
+            let Some(event) = self.carrier.next() else { break };
             let now = Clock::local();
             match event {
                 Event::Packet { link, packet } => self.packet(now, &link, packet),
@@ -206,14 +207,16 @@ impl Agent {
             }
             if taken == EVENTS {
                 // More may be there; the next wait must not sleep.
-                return self.carrier.mark();
+                self.carrier.mark();
             }
         }
+        let now = Clock::local();
+        self.links.values_mut().for_each(|link| link.catch_up(now));
     }
 
     fn packet(&mut self, now: PhysicalTime, id: &LinkId, packet: Vec<u8>) {
         match self.links.get_mut(id) {
-            Some(link) => link.handle(now, Input::Packet(packet)),
+            Some(link) => link.packet(now, packet),
             None => self.refuse(id, &packet),
         }
     }

@@ -25,10 +25,11 @@ use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::time::Duration;
 
 use hprm::agent::{Answer, Limited, is_name};
-use hprm_federated::relay::FRAME_LIMIT;
+use hprm_federated::relay::{FRAME_LIMIT, Packet};
 use rustix::event::{EventfdFlags, eventfd};
 use serde::{Deserialize, Serialize};
 use zenoh::Wait;
+use zenoh::bytes::ZBytes;
 use zenoh::handlers::DefaultHandler;
 use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
@@ -59,6 +60,14 @@ pub(crate) const PACKETS: usize = 1024;
 /// not too much waits.
 pub(crate) const PACKET_LIMIT: usize = 68 << 10;
 const _: () = assert!(PACKET_LIMIT >= FRAME_LIMIT + 1024);
+
+/// The most bytes of a frame that an agent sends: as many as fit into one batch of Zenoh, with what stands before them. Zenoh
+/// would cut a longer packet into two, the second one being short, and put it together at the other end.
+pub(crate) const FRAME: usize = 63 << 10;
+const _: () = assert!(FRAME <= FRAME_LIMIT);
+
+/// The most bytes of a frame that is copied behind its header. A longer one is handed to Zenoh as it is.
+const COPIED: usize = 4 << 10;
 
 /// The most bytes of what Zenoh puts together from pieces, from each of those that send; more is dropped. A roster is the
 /// longest.
@@ -324,7 +333,7 @@ impl Carrier {
     /// Sends one packet of a link for which there is no way.
     pub(crate) fn send_once(&self, link: &LinkId, packet: Vec<u8>) {
         if let Ok(way) = self.way(link) {
-            way.send(packet);
+            way.put(packet.into());
         }
     }
 
@@ -355,7 +364,19 @@ impl Way {
     }
 
     /// Sends a packet, or drops it.
-    pub(crate) fn send(&self, packet: Vec<u8>) {
+    pub(crate) fn send(&self, packet: Packet) {
+        match packet.frame {
+            Some(frame) if frame.len() > COPIED => {
+                let mut whole = ZBytes::writer();
+                whole.append(packet.head.into());
+                whole.append(bytes::Bytes::from_owner(frame).into());
+                self.put(whole.finish());
+            }
+            _ => self.put(packet.into_vec().into()),
+        }
+    }
+
+    fn put(&self, packet: ZBytes) {
         let put = self.session.put(&self.key, packet).priority(self.priority);
         // A session that has ended carries nothing; the link notices the silence.
         let _ = put.congestion_control(self.congestion).wait();

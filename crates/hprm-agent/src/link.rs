@@ -7,10 +7,10 @@ use std::os::unix::net::UnixStream;
 
 use hprm::printable;
 use hprm_core::PhysicalTime;
-use hprm_federated::relay::{End, Input, Output, Relay};
+use hprm_federated::relay::{Bytes, End, Input, Output, Relay};
 use rustix::event::PollFlags;
 
-use crate::carrier::Way;
+use crate::carrier::{FRAME, Way};
 
 /// See the module.
 pub(crate) struct Link {
@@ -27,7 +27,7 @@ pub(crate) struct Link {
     /// Whether it sends no more.
     has_finished: bool,
     /// What this end's process has not taken, and how much of the first of it it has.
-    unread: VecDeque<Vec<u8>>,
+    unread: VecDeque<Bytes>,
     taken: usize,
     /// Whether it takes nothing any more.
     is_deaf: bool,
@@ -35,6 +35,8 @@ pub(crate) struct Link {
     is_finished: bool,
     has_told: bool,
     ended: Option<End>,
+    /// Whether something has come of which nothing has been made yet.
+    is_behind: bool,
 }
 
 impl Link {
@@ -55,6 +57,7 @@ impl Link {
             is_finished: false,
             has_told: false,
             ended: None,
+            is_behind: false,
         }
     }
 
@@ -109,9 +112,28 @@ impl Link {
         if !self.is_open && self.ended.is_none() && !matches!(input, Input::Abort(_)) {
             return;
         }
+        self.take(now, input);
+        self.proceed(now);
+    }
+
+    /// Takes a packet. What follows is done when all packets have been taken that are there: one answer is enough.
+    pub(crate) fn packet(&mut self, now: PhysicalTime, packet: Vec<u8>) {
+        if self.is_open || self.ended.is_some() {
+            self.take(now, Input::Packet(packet));
+            self.is_behind = true;
+        }
+    }
+
+    /// Does what follows from packets.
+    pub(crate) fn catch_up(&mut self, now: PhysicalTime) {
+        if std::mem::take(&mut self.is_behind) {
+            self.proceed(now);
+        }
+    }
+
+    fn take(&mut self, now: PhysicalTime, input: Input) {
         // Only frames can be refused, and those are no longer than there is room.
         let _ = self.relay.handle(now, input);
-        self.proceed(now);
     }
 
     /// The agent ends, and tells the other end.
@@ -130,7 +152,7 @@ impl Link {
     fn read(&mut self, now: PhysicalTime, buffer: &mut [u8]) {
         while !self.has_finished && self.relay.room() > 0 {
             let Some(mut socket) = self.socket.as_ref() else { return };
-            let room = self.relay.room();
+            let room = self.relay.room().min(FRAME);
             match socket.read(&mut buffer[..room]) {
                 Ok(0) => self.finish(now),
                 Ok(len) => {
@@ -150,21 +172,34 @@ impl Link {
         self.handle(now, Input::Finish);
     }
 
-    /// Does what the machine says, and writes what the process takes.
+    /// Does what the machine says, and writes what the process takes: first what has come, since somebody waits for it, and then
+    /// packets, which also say what has been taken.
     fn proceed(&mut self, now: PhysicalTime) {
         loop {
-            while let Some(output) = self.relay.poll() {
-                match output {
-                    Output::Packet(packet) => self.way.send(packet),
-                    Output::Frame(frame) => self.unread.push_back(frame),
-                    Output::Finished => self.is_finished = true,
-                    Output::Ended(end) => self.ended = Some(end),
-                }
+            while let Some(output) = self.relay.poll_reader() {
+                self.obey(output);
             }
             if !self.write(now) {
                 break;
             }
         }
+        while let Some(output) = self.relay.poll() {
+            self.obey(output);
+        }
+        self.end_socket();
+    }
+
+    fn obey(&mut self, output: Output) {
+        match output {
+            Output::Packet(packet) => self.way.send(packet),
+            Output::Frame(frame) => self.unread.push_back(frame),
+            Output::Finished => self.is_finished = true,
+            Output::Ended(end) => self.ended = Some(end),
+        }
+    }
+
+    /// Tells the process what has ended.
+    fn end_socket(&mut self) {
         match &self.ended {
             Some(End::Finished) if self.unread.is_empty() => self.socket = None,
             Some(End::Finished) => {}
@@ -212,7 +247,7 @@ impl Link {
 
     /// A frame has been taken as far as `taken` says.
     fn took(&mut self, now: PhysicalTime) -> bool {
-        let len = self.unread.front().map_or(0, Vec::len);
+        let len = self.unread.front().map_or(0, |frame| frame.len());
         if self.taken < len {
             return false;
         }

@@ -18,6 +18,7 @@
 //! packet that no end sends which obeys these rules ([`Violation`]) ends the link, because what the other end believes
 //! is not known then.
 
+mod bytes;
 mod incoming;
 mod outgoing;
 mod pace;
@@ -29,10 +30,11 @@ use std::collections::VecDeque;
 
 use hprm_core::{Nanos, PhysicalTime};
 
+pub use bytes::Bytes;
 use incoming::Incoming;
 use outgoing::{Item, Outgoing};
-pub use packet::FRAME_LIMIT;
 use packet::{Body, Header, Reason};
+pub use packet::{FRAME_LIMIT, Packet};
 
 /// The most frames, and bytes of them, that wait at either end: enough for 400 MB a second with a round trip of 10 ms.
 pub const WINDOW_FRAMES: u64 = 1024;
@@ -87,9 +89,9 @@ pub enum Input {
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub enum Output {
     /// Hand a packet to the carrier.
-    Packet(Vec<u8>),
+    Packet(Packet),
     /// Hand a frame to the reader. [`Input::Taken`] says when it has been taken.
-    Frame(Vec<u8>),
+    Frame(Bytes),
     /// The other end sends no more frames: all of them have been handed on.
     Finished,
     /// The link has ended. Nothing but packets comes after it.
@@ -206,7 +208,7 @@ impl Relay {
         let (header, _) = Header::decode(packet)?;
         let is_reset = matches!(header.body, Body::Reset(_));
         let answer = || Header::between(u64::MAX, header.from, Body::Reset(Reason::Unknown));
-        (!is_reset).then(|| answer().encode(&[]))
+        (!is_reset).then(|| answer().encode())
     }
 
     /// How long a frame may be that is given now; zero if none may be.
@@ -256,7 +258,7 @@ impl Relay {
             Input::Frame(bytes) if bytes.len() > self.room() || self.room() == 0 => {
                 return Err(NoRoom(bytes.len()));
             }
-            Input::Frame(bytes) => self.outgoing.give(Item::Frame(bytes)),
+            Input::Frame(bytes) => self.outgoing.give(Item::Frame(bytes.into())),
             Input::Finish if self.ended.is_none() && !self.outgoing.is_finished() => {
                 self.outgoing.give(Item::Finish);
             }
@@ -264,7 +266,7 @@ impl Relay {
                 let reason = Reason::aborted(&why);
                 self.end(End::Aborted(why), reason);
             }
-            Input::Packet(packet) => self.packet(&packet),
+            Input::Packet(packet) => self.packet(packet),
             Input::Taken(bytes) => self.must_answer |= self.incoming.take(bytes as u64),
             Input::CarrierDown => self.carrier_up = false,
             Input::CarrierUp => self.carrier_works(),
@@ -274,9 +276,15 @@ impl Relay {
         Ok(())
     }
 
+    /// What is to be done next, but for packets. Who hands on what has come before it polls packets saves some: one answer
+    /// is enough for all that has come, and it tells what has been taken.
+    pub fn poll_reader(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
     /// What is to be done next.
     pub fn poll(&mut self) -> Option<Output> {
-        if let Some(output) = self.outputs.pop_front() {
+        if let Some(output) = self.poll_reader() {
             return Some(output);
         }
         if let Some((_, reason)) = &self.ended {
@@ -288,12 +296,12 @@ impl Relay {
             let body = if is_finished { Body::Nothing } else { Body::Reset(reason.clone()) };
             let mut header = Header::between(self.epoch, to, body);
             self.incoming.tell(&mut header);
-            return Some(Output::Packet(header.encode(&[])));
+            return Some(Output::Packet(Packet::new(&header, None)));
         }
         self.next_packet().map(Output::Packet)
     }
 
-    fn next_packet(&mut self) -> Option<Vec<u8>> {
+    fn next_packet(&mut self) -> Option<Packet> {
         let asks = self.question_due() <= self.now;
         if asks {
             // That nothing can leave at the moment makes no difference to whether an answer comes.
@@ -312,16 +320,16 @@ impl Relay {
         let mut header = Header::between(self.epoch, to, Body::Nothing);
         header.asks = asks;
         self.incoming.tell(&mut header);
-        let Some((number, item)) = item else { return Some(header.encode(&[])) };
+        let Some((number, item)) = item else { return Some(Packet::new(&header, None)) };
         Some(match item {
             Item::Frame(bytes) => {
                 let len = u32::try_from(bytes.len()).expect("a frame has a limit");
                 header.body = Body::Frame { number, len };
-                header.encode(bytes)
+                Packet::new(&header, Some(bytes.clone()))
             }
             Item::Finish => {
                 header.body = Body::Finish { number };
-                header.encode(&[])
+                Packet::new(&header, None)
             }
         })
     }
@@ -388,11 +396,12 @@ impl Relay {
         }
     }
 
-    fn packet(&mut self, packet: &[u8]) {
-        let Some((header, bytes)) = Header::decode(packet) else {
+    fn packet(&mut self, packet: Vec<u8>) {
+        let Some((header, bytes)) = Header::decode(&packet) else {
             self.dropped.unreadable += 1;
             return;
         };
+        let from = packet.len() - bytes.len();
         if let Body::Reset(reason) = header.body {
             let is_peer = self.peer.is_none_or(|peer| peer == header.from);
             if header.to == self.epoch || header.to == 0 && is_peer {
@@ -417,15 +426,15 @@ impl Relay {
         self.asked = None;
         self.carrier_works();
         self.must_answer |= header.asks;
-        if let Err(violation) = self.take(header, bytes) {
+        if let Err(violation) = self.take(header, Bytes::behind(packet, from)) {
             self.end(End::Broken(violation), Reason::Broken);
         }
     }
 
-    fn take(&mut self, header: Header, bytes: &[u8]) -> Result<(), Violation> {
+    fn take(&mut self, header: Header, bytes: Bytes) -> Result<(), Violation> {
         self.outgoing.acknowledge(&header, self.now)?;
         let (number, item) = match header.body {
-            Body::Frame { number, .. } => (number, Item::Frame(bytes.to_vec())),
+            Body::Frame { number, .. } => (number, Item::Frame(bytes)),
             Body::Finish { number } => (number, Item::Finish),
             Body::Nothing | Body::Reset(_) => return Ok(()),
         };

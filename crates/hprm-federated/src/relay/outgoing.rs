@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use hprm_core::PhysicalTime;
 
+use super::bytes::Bytes;
 use super::pace::Pace;
 use super::packet::{FRAME_LIMIT, Header};
 use super::{Violation, WINDOW_BYTES, WINDOW_FRAMES};
@@ -14,7 +15,7 @@ const REORDERED: u64 = 3;
 /// What has a number on the link.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(super) enum Item {
-    Frame(Vec<u8>),
+    Frame(Bytes),
     Finish,
 }
 

@@ -9,6 +9,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::bytes::Bytes;
+
 /// The most bytes of a frame. Pieces of this size cost little more per byte than larger ones, and one that is lost
 /// costs little to send again.
 pub const FRAME_LIMIT: usize = 64 << 10;
@@ -74,6 +76,29 @@ pub(super) enum Reason {
     Unknown,
 }
 
+/// A packet for the carrier: its header, and the bytes of a frame, which are not copied.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Packet {
+    /// The header.
+    pub head: Vec<u8>,
+    /// What follows it, if anything does.
+    pub frame: Option<Bytes>,
+}
+
+impl Packet {
+    pub(super) fn new(header: &Header, frame: Option<Bytes>) -> Self {
+        Self { head: header.encode(), frame }
+    }
+
+    /// All of it in one piece.
+    #[must_use]
+    pub fn into_vec(self) -> Vec<u8> {
+        let mut whole = self.head;
+        whole.extend_from_slice(self.frame.as_deref().unwrap_or_default());
+        whole
+    }
+}
+
 impl Header {
     /// A header that knows nothing but the epochs.
     pub(super) fn between(from: u64, to: u64, body: Body) -> Self {
@@ -81,12 +106,10 @@ impl Header {
         Self { version: VERSION, from, to, next, held, frame_limit, byte_limit, asks: false, body }
     }
 
-    /// The packet with this header and the bytes of a frame.
-    pub(super) fn encode(&self, frame: &[u8]) -> Vec<u8> {
-        let room = Vec::with_capacity(80 + frame.len());
-        let mut packet = postcard::to_extend(self, room).expect("a vector takes everything");
-        packet.extend_from_slice(frame);
-        packet
+    /// The header as bytes.
+    pub(super) fn encode(&self) -> Vec<u8> {
+        let room = Vec::with_capacity(80);
+        postcard::to_extend(self, room).expect("a vector takes everything")
     }
 
     /// Reads a packet: its header, and the bytes of its frame. None if it is no packet, has been cut, or is longer

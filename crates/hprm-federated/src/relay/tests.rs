@@ -30,7 +30,7 @@ impl Pair {
         let mut packets = vec![];
         while let Some(output) = self.ends[end].poll() {
             match output {
-                Output::Packet(packet) => packets.push(packet),
+                Output::Packet(packet) => packets.push(packet.into_vec()),
                 other => self.told[end].push(other),
             }
         }
@@ -88,7 +88,7 @@ fn packet(body: Body, edit: impl Fn(&mut Header), bytes: &[u8]) -> Input {
     let mut header = Header::between(11, 22, body);
     (header.frame_limit, header.byte_limit) = (WINDOW_FRAMES, WINDOW_BYTES);
     edit(&mut header);
-    Input::Packet(header.encode(bytes))
+    Input::Packet([&header.encode(), bytes].concat())
 }
 
 fn frame(number: u64, bytes: &[u8]) -> Input {
@@ -109,7 +109,7 @@ fn frames_and_the_end_come_in_order_at_both_ends() {
     pair.give(1, Input::Frame(vec![3]));
     pair.give(1, Input::Finish);
     pair.settle([false; 2]);
-    let frame = |bytes: &[u8]| Output::Frame(bytes.to_vec());
+    let frame = |bytes: &[u8]| Output::Frame(bytes.to_vec().into());
     let end = Output::Ended(End::Finished);
     assert_eq!(pair.told[0], [frame(&[1]), frame(&[]), frame(&[3]), Output::Finished, end.clone()]);
     assert_eq!(pair.told[1], [frame(&[1]), frame(&[]), Output::Finished, end]);
@@ -123,9 +123,42 @@ fn what_comes_early_waits_and_what_comes_twice_is_dropped() {
         pair.give(1, frame(number, &bytes));
     }
     pair.drain(1);
-    let frames = [0, 1, 2].map(|byte| Output::Frame(vec![byte]));
+    let frames = [0, 1, 2].map(|byte| Output::Frame(vec![byte].into()));
     assert_eq!(pair.told[1], frames);
     assert_eq!(pair.ends[1].dropped().duplicates, 2);
+}
+
+#[test]
+fn one_answer_is_enough_for_all_that_has_come_and_tells_what_was_taken() {
+    let mut pair = Pair::acquainted();
+    let len = usize::try_from(WINDOW_BYTES / 8).unwrap().min(FRAME_LIMIT);
+    for number in 0..20 {
+        pair.give(1, frame(number, &vec![7; len]));
+    }
+    while let Some(output) = pair.ends[1].poll_reader() {
+        assert!(matches!(output, Output::Frame(_)), "{output:?}");
+        pair.give(1, Input::Taken(len));
+    }
+    let packets = pair.drain(1);
+    let [answer] = &packets[..] else { panic!("{} packets", packets.len()) };
+    let (header, _) = Header::decode(answer).unwrap();
+    assert_eq!((header.next, header.byte_limit), (20, WINDOW_BYTES + 20 * len as u64));
+    assert!(pair.told[1].is_empty());
+}
+
+#[test]
+fn the_bytes_of_a_frame_are_not_copied() {
+    let mut pair = Pair::acquainted();
+    let bytes = vec![7; FRAME_LIMIT];
+    let at = bytes.as_ptr();
+    pair.give(0, Input::Frame(bytes));
+    let Some(Output::Packet(packet)) = pair.ends[0].poll() else { panic!("nothing leaves") };
+    assert_eq!(packet.frame.as_ref().map(|frame| frame.as_ptr()), Some(at));
+    let whole = packet.into_vec();
+    let there = whole.as_ptr_range().end;
+    pair.give(1, Input::Packet(whole));
+    let Some(Output::Frame(frame)) = pair.ends[1].poll() else { panic!("nothing comes") };
+    assert_eq!((frame.len(), frame.as_ptr_range().end), (FRAME_LIMIT, there));
 }
 
 #[test]
@@ -148,7 +181,7 @@ fn bytes_that_are_no_packet_change_nothing() {
     assert_eq!(pair.ends[1], before);
     pair.give(1, Input::Packet(good));
     pair.drain(1);
-    assert_eq!(pair.told[1], [Output::Frame(b"whole".to_vec())]);
+    assert_eq!(pair.told[1], [Output::Frame(b"whole".to_vec().into())]);
 }
 
 #[test]
@@ -308,7 +341,7 @@ fn a_break_of_the_carrier_is_made_up_for_as_soon_as_it_works() {
     assert!(pair.drain(0).is_empty(), "the carrier is down");
     pair.give(0, Input::CarrierUp);
     pair.settle([false; 2]);
-    assert_eq!(pair.told[1], [Output::Frame(vec![1]), Output::Frame(vec![2])]);
+    assert_eq!(pair.told[1], [Output::Frame(vec![1].into()), Output::Frame(vec![2].into())]);
 }
 
 #[test]
@@ -341,7 +374,7 @@ fn what_is_lost_at_the_end_is_sent_again_once_one_of_it_has_arrived() {
     (0..40).for_each(|byte| pair.give(0, Input::Frame(vec![byte])));
     assert_eq!(pair.drain(0).len(), 40);
     pair.pass(at(500), [false; 2]);
-    let frames: Vec<_> = (0..40).map(|byte| Output::Frame(vec![byte])).collect();
+    let frames: Vec<_> = (0..40).map(|byte| Output::Frame(vec![byte].into())).collect();
     assert_eq!(pair.told[1], frames);
     assert_eq!(pair.ends[1].dropped().duplicates, 0);
 }

@@ -154,7 +154,7 @@ impl Link {
     fn drain(&mut self, end: usize, now: Nanos, effects: &mut Vec<Effect>) {
         while let Some(output) = self.sites[end].relay.as_mut().and_then(Relay::poll) {
             match output {
-                Output::Packet(packet) => effects.push(Effect::Packet(packet)),
+                Output::Packet(packet) => effects.push(Effect::Packet(packet.into_vec())),
                 Output::Frame(bytes) => {
                     let event = self.take(end, &bytes);
                     let relay = self.sites[end].relay.as_mut().expect("it has put this out");

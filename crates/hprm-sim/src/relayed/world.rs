@@ -238,6 +238,7 @@ impl<'a> World<'a> {
                     let entered = &mut self.entered[1 - end];
                     let after = if *entered > self.now { *entered + GAP } else { self.now };
                     *entered = (self.now + self.slow).max(after);
+                    let packet = packet.into_vec();
                     self.carried.send(self.line, &mut self.rng, *entered, 1 - end, packet);
                 }
                 Output::Frame(bytes) => site.takes(&bytes)?,
