@@ -1,16 +1,17 @@
-"""Compares links through agents with plain TCP and with plain Zenoh, between network namespaces.
+"""Compares links through agents with TCP, plain Zenoh and dora, between network namespaces.
 
     $ make bench-agents
 
 Times are one way: from before a value is set to when the receiver's body, or the subscriber's
 callback, has it. All processes are on one machine, so they share its monotonic clock. Agents and
-sessions of Zenoh use TLS with the same certificates; TCP is not encrypted. Contenders take turns,
-`REPEATS` times.
+sessions of Zenoh use TLS with the same certificates; TCP and dora are not encrypted. Contenders
+take turns, `REPEATS` times.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import statistics
 import subprocess
 import sys
@@ -20,11 +21,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-# The tests of agents have the networks.
+# The tests of agents have the networks, and the comparison on one machine has dora.
 sys.path[:0] = [str(ROOT / "tests" / folder) for folder in ("agents", "python")]
+sys.path.append(str(ROOT / "bench" / "peers"))
 
+import descendants  # noqa: E402
+import environments  # noqa: E402
 from machines import AGENT, HPRM  # noqa: E402
 from networks import HUB, Fleet  # noqa: E402
+from over_dora import Dora  # noqa: E402
 
 REPEATS = 5
 #: Small messages of one turn, and large ones.
@@ -84,12 +89,15 @@ def main() -> None:
     """Measures, and prints a table."""
     if not Path(AGENT).exists():
         sys.exit(f"error: {AGENT} is missing\n  hint: make agent")
+    # Nodes of dora are started by its daemons, and are to end with them.
+    descendants.adopt_orphans()
     with tempfile.TemporaryDirectory() as folder:
         fleet = Fleet(Path(folder))
         try:
             measure(fleet)
         finally:
             fleet.close()
+            descendants.end_all(1)
 
 
 def measure(fleet: Fleet) -> None:
@@ -105,6 +113,7 @@ def measure(fleet: Fleet) -> None:
         fleet.start(machine)
     fleet.meet(HUB, *names)
     here = [HUB] * RECEIVERS
+    dora = start_dora(fleet)
     small: dict[str, Callable[[], Took]] = {
         "agents": lambda: ours(fleet, program(64, 5, SMALL, 1), [HUB], "agents"),
         "TCP": lambda: ours(fleet, program(64, 5, SMALL, 1), [HUB], "TCP"),
@@ -121,8 +130,27 @@ def measure(fleet: Fleet) -> None:
         "Zenoh, 1 receiver": lambda: zenoh(fleet, BYTES, 600, LARGE, 1),
         f"Zenoh, {RECEIVERS} receivers": lambda: zenoh(fleet, BYTES, 1500, LARGE, RECEIVERS),
     }
+    if dora:
+        small["dora"] = lambda: dora.measure(64, 5, SMALL)[1:]
+        # It drops what it has no room for, so it gets more time.
+        large["dora, 1 receiver"] = lambda: dora.measure(BYTES, 2000, LARGE)[1:]
     report(fleet, "64 B one way", small, "us", 1)
     report(fleet, "50 MB one way, to the last receiver", large, "ms", 1000)
+
+
+def start_dora(fleet: Fleet) -> Dora | None:
+    """Daemons of dora on robot1 and at the hub; none if dora cannot be had."""
+    assert fleet.network is not None
+    try:
+        environments.prepare("dora")
+    except environments.Unavailable as error:
+        print(f"without dora: {error}", flush=True)
+        return None
+    source = ("robot1", fleet.network.addresses["robot1"])
+    sink = (HUB, fleet.network.gates["robot1"])
+    dora = Dora(fleet.spawn, environments.python_of("dora"), fleet.folder, source, sink)
+    dora.start()
+    return dora
 
 
 def image(receivers: int) -> str:
@@ -136,16 +164,20 @@ def report(
     """Measures contenders in turns, and prints what they took."""
     medians: dict[str, Took] = {name: [] for name in contenders}
     crossed: dict[str, list[float]] = {name: [] for name in contenders}
+    came = dict.fromkeys(contenders, 0)
     for _ in range(REPEATS):
         for name, run in contenders.items():
             before = sent(fleet)
-            medians[name].append(statistics.median(run()) / scale)
+            took = run()
+            came[name] += len(took)
+            medians[name].append(statistics.median(took) / scale if took else math.inf)
             crossed[name].append((sent(fleet) - before) / (LARGE * BYTES))
     print(f"{title} ({unit})")
-    for name, took in medians.items():
+    for name, each in medians.items():
         share = f"   sent {statistics.median(crossed[name]):.2f}x" if unit == "ms" else ""
-        low, middle, high = min(took), statistics.median(took), max(took)
-        print(f"  {name:<36}{middle:9.1f}  ({low:.1f} to {high:.1f}){share}")
+        low, middle, high = min(each), statistics.median(each), max(each)
+        lost = f"   {came[name]} came" if came[name] < max(came.values()) else ""
+        print(f"  {name:<36}{middle:9.1f}  ({low:.1f} to {high:.1f}){share}{lost}")
     print(flush=True)
 
 
