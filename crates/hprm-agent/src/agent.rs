@@ -16,7 +16,7 @@ use hprm_federated::relay::{Input, Relay};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::Failure;
-use crate::carrier::{AgentId, Carrier, Event, FRAME, LinkId, Opening};
+use crate::carrier::{AgentId, Carrier, Event, LinkId, Opening};
 use crate::link::Link;
 use crate::local::{Local, answer};
 use crate::membership::Membership;
@@ -46,8 +46,6 @@ struct Agent {
     links: BTreeMap<LinkId, Link>,
     /// Those whose sockets are ready.
     ready: Vec<LinkId>,
-    /// Where what a process sends is read into.
-    buffer: Box<[u8]>,
     /// The other agents that are there.
     others: Others,
     /// Since when an older agent of the same name is there.
@@ -75,7 +73,7 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
     let limited = starters.limited();
     let carrier = Carrier::open(options, options.credentials.as_ref(), me.clone(), limited)?;
     let (links, others) = (BTreeMap::new(), Others::default());
-    let (ready, rival_since, buffer) = (Vec::new(), None, vec![0; FRAME].into());
+    let (ready, rival_since) = (Vec::new(), None);
     let shipping = ShippingService::open(&options.name).map_err(system)?;
     let leads_shipments = shipping.leads();
     leads_shipments.store(options.is_router(options.credentials.as_ref()), Ordering::Relaxed);
@@ -88,7 +86,6 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
         daily: Daily::new(Clock::local()),
         links,
         ready,
-        buffer,
         others,
         rival_since,
         leads_shipments,
@@ -104,8 +101,9 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
     ship(shipping).map_err(system)?;
     while !agent.wait(&stop) {
         agent.take_events();
-        agent.take_requests();
+        // Links first: somebody waits for a message, and there are few requests.
         agent.drive_links();
+        agent.take_requests();
         agent.look_at_ends(options);
         if let Err(failure) = agent.belong(options) {
             agent.end();
@@ -415,7 +413,7 @@ impl Agent {
         let now = Clock::local();
         for id in std::mem::take(&mut self.ready) {
             if let Some(link) = self.links.get_mut(&id).filter(|link| link.is_open()) {
-                link.socket_ready(now, &mut self.buffer);
+                link.socket_ready(now);
             }
         }
         for link in self.links.values_mut() {

@@ -1,14 +1,16 @@
 //! One end of a link between machines: a relayed link, and the socket to the process at this end.
 
 use std::collections::VecDeque;
-use std::io::{self, Read, Write};
+use std::io::{self, Write};
 use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 
 use hprm::printable;
 use hprm_core::PhysicalTime;
 use hprm_federated::relay::{Bytes, End, Input, Output, Relay};
+use rustix::buffer::spare_capacity;
 use rustix::event::PollFlags;
+use rustix::io::Errno;
 
 use crate::carrier::{FRAME, Way};
 
@@ -142,25 +144,31 @@ impl Link {
         self.handle(now, Input::Abort(why));
     }
 
-    /// The socket may be ready. What it has is read into a buffer as long as a frame may be.
-    pub(crate) fn socket_ready(&mut self, now: PhysicalTime, buffer: &mut [u8]) {
-        self.read(now, buffer);
+    /// The socket may be ready.
+    pub(crate) fn socket_ready(&mut self, now: PhysicalTime) {
+        self.read(now);
         self.proceed(now);
     }
 
     /// Reads what the process sends, as far as the link takes it.
-    fn read(&mut self, now: PhysicalTime, buffer: &mut [u8]) {
+    fn read(&mut self, now: PhysicalTime) {
         while !self.has_finished && self.relay.room() > 0 {
-            let Some(mut socket) = self.socket.as_ref() else { return };
+            let Some(socket) = self.socket.as_ref() else { return };
             let room = self.relay.room().min(FRAME);
-            match socket.read(&mut buffer[..room]) {
+            // It is read into what leaves, and as long as a frame may be: how much there is, is not known before.
+            let mut frame = Vec::with_capacity(room);
+            match rustix::io::read(socket, spare_capacity(&mut frame)) {
                 Ok(0) => self.finish(now),
                 Ok(len) => {
-                    let frame = buffer[..len].to_vec();
+                    frame.shrink_to_fit();
                     self.handle(now, Input::Frame(frame));
+                    if len < room / 2 {
+                        // There was no more of it, or the next wait says so.
+                        return;
+                    }
                 }
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return,
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(Errno::AGAIN) => return,
+                Err(Errno::INTR) => {}
                 // The process has ended, and has not read all that it was sent.
                 Err(_) => self.finish(now),
             }
@@ -172,19 +180,16 @@ impl Link {
         self.handle(now, Input::Finish);
     }
 
-    /// Does what the machine says, and writes what the process takes: first what has come, since somebody waits for it, and then
-    /// packets, which also say what has been taken.
+    /// Does what the machine says, and writes what the process takes. That comes last: on a machine that is busy, the process
+    /// that is woken up may run only when this thread waits again.
     fn proceed(&mut self, now: PhysicalTime) {
         loop {
-            while let Some(output) = self.relay.poll_reader() {
+            while let Some(output) = self.relay.poll() {
                 self.obey(output);
             }
             if !self.write(now) {
                 break;
             }
-        }
-        while let Some(output) = self.relay.poll() {
-            self.obey(output);
         }
         self.end_socket();
     }

@@ -276,15 +276,9 @@ impl Relay {
         Ok(())
     }
 
-    /// What is to be done next, but for packets. Who hands on what has come before it polls packets saves some: one answer
-    /// is enough for all that has come, and it tells what has been taken.
-    pub fn poll_reader(&mut self) -> Option<Output> {
-        self.outputs.pop_front()
-    }
-
-    /// What is to be done next.
+    /// What is to be done next. One answer is enough for all packets that have come before.
     pub fn poll(&mut self) -> Option<Output> {
-        if let Some(output) = self.poll_reader() {
+        if let Some(output) = self.outputs.pop_front() {
             return Some(output);
         }
         if let Some((_, reason)) = &self.ended {

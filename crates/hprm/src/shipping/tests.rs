@@ -218,7 +218,7 @@ fn pair() -> (UnixStream, UnixStream) {
     (one, other)
 }
 
-/// Leads shipments through a router. Each turn says who acts, and ends a link now and then.
+/// Leads shipments through a router. Each turn says which end acts, and a link ends now and then.
 fn lead_all(lens: &[usize], compress: bool, turns: &[(usize, u8)]) -> Vec<(u64, Vec<u8>, u32)> {
     let me = FederateId(0);
     let mut store = Store::new(me, StoreLimits::default());
