@@ -101,7 +101,7 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
     ship(shipping).map_err(system)?;
     while !agent.wait(&stop) {
         agent.take_events();
-        // Links first: somebody waits for a message, and there are few requests.
+        // Links first: a process waits for what comes over one, and there are few requests.
         agent.drive_links();
         agent.take_requests();
         agent.look_at_ends(options);

@@ -26,6 +26,8 @@ struct Actor<'a> {
     stop: Option<Tag>,
     /// Whether it is within the tag that is being processed.
     open: bool,
+    /// Whether it ends by itself, at the last tag of the program or where it leaves.
+    ends: bool,
     over: bool,
 }
 
@@ -70,7 +72,12 @@ impl<'a> Actor<'a> {
         let scope = Scope::Federate(life.federate);
         let mut scheduler = Scheduler::new(Arc::clone(program), scope);
         scheduler.start_late(PhysicalTime(0), life.first);
-        if life.end == Ending::InOrder && life.last < stop {
+        let ends = match life.end {
+            Ending::InOrder => true,
+            Ending::GivenUp => life.last <= stop,
+            Ending::Between | Ending::Within => false,
+        };
+        if ends && life.last < stop {
             scheduler.leave_at(life.last);
         }
         Self {
@@ -78,9 +85,10 @@ impl<'a> Actor<'a> {
             arrivals: life.arrivals.iter().copied().collect(),
             scheduler,
             log: Log::new(program),
-            // The others may agree on a last tag that a process that was killed had passed.
-            stop: (life.end == Ending::InOrder).then(|| stop.max(life.first)),
+            // The others may agree on a last tag that one has passed that was killed, or given up.
+            stop: ends.then(|| stop.max(life.first)),
             open: false,
+            ends,
             over: life.last == Tag::NEVER,
         }
     }
@@ -88,7 +96,7 @@ impl<'a> Actor<'a> {
     /// What it does next, unless it is killed before.
     fn next(&self) -> Option<Tag> {
         let next = self.scheduler.next_tag().min(self.stop.unwrap_or(Tag::FOREVER));
-        let lives = self.life.end == Ending::InOrder || next <= self.life.last;
+        let lives = self.ends || next <= self.life.last;
         (!self.over && lives && next < Tag::FOREVER).then_some(next)
     }
 }

@@ -262,8 +262,8 @@ impl Node {
     /// The record of the process, if it has started.
     pub(crate) fn life(self) -> Option<Life> {
         self.start?;
-        let in_order = self.finished && (!self.given_up || self.has_left());
-        let end = match (in_order, self.open) {
+        let end = match (self.finished, self.open) {
+            (true, _) if self.given_up => Ending::GivenUp,
             (true, _) => Ending::InOrder,
             (false, false) => Ending::Between,
             (false, true) => Ending::Within,

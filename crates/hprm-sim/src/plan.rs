@@ -157,7 +157,9 @@ pub struct Life {
 pub enum Ending {
     /// At its last tag.
     InOrder,
-    /// The RTI told it to end, or has given it up, or it was killed, between two tags.
+    /// The same, after the RTI had given it up, so that the others may have agreed on an earlier one.
+    GivenUp,
+    /// The RTI told it to end, or it was killed, between two tags.
     Between,
     /// The same within a tag.
     Within,
