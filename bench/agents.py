@@ -29,7 +29,7 @@ import descendants  # noqa: E402
 import environments  # noqa: E402
 from machines import AGENT, HPRM  # noqa: E402
 from networks import HUB, Fleet  # noqa: E402
-from over_dora import Dora  # noqa: E402
+from over_dora import Dora, timed  # noqa: E402
 
 REPEATS = 5
 #: Small messages of one turn, and large ones.
@@ -263,7 +263,6 @@ def settings(fleet: Fleet, machine: str, listen: str = "", connect: list[str] | 
 
 def publish(config: str, length: int, period: int, messages: int, receivers: int) -> None:
     """A publisher of Zenoh."""
-    import numpy as np
     from zenoh import Config, CongestionControl, open
 
     session = open(Config.from_json5(config))
@@ -271,14 +270,8 @@ def publish(config: str, length: int, period: int, messages: int, receivers: int
     while len(session.info.peers_zid()) < receivers:
         time.sleep(0.01)
     time.sleep(0.5)
-    due = time.monotonic()
-    for _ in range(messages):
-        value = np.empty(length // 8)
-        value[:] = 1
-        value[0] = time.monotonic()
+    for value in timed(length, period, messages):
         publisher.put(value.tobytes())
-        due += period / 1000
-        time.sleep(max(0.0, due - time.monotonic()))
     time.sleep(0.5)
     session.close()
 

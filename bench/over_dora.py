@@ -10,10 +10,11 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from subprocess import Popen
+from typing import Any
 
 Spawn = Callable[..., "Popen[str]"]
 
@@ -77,23 +78,30 @@ class Dora:
         return {"id": role, "path": str(self.python), "args": arguments, "deploy": deploy}
 
 
+def timed(length: int, period: int, messages: int) -> Iterator[Any]:
+    """Arrays of so many bytes, one every so many milliseconds, whose first number is the time."""
+    import numpy as np
+
+    due = time.monotonic()
+    for _ in range(messages):
+        value = np.empty(length // 8)
+        value[:] = 1
+        value[0] = time.monotonic()
+        yield value
+        due += period / 1000
+        time.sleep(max(0.0, due - time.monotonic()))
+
+
 def send(length: int, period: int, messages: int) -> None:
     """The source: values whose first number is the time."""
-    import numpy as np
     import pyarrow as pa
     from dora import Node
 
     node = Node()
     # What is sent before the sink listens is lost.
     time.sleep(2)
-    due = time.monotonic()
-    for _ in range(messages):
-        value = np.empty(length // 8)
-        value[:] = 1
-        value[0] = time.monotonic()
+    for value in timed(length, period, messages):
         node.send_output("data", pa.array(value))
-        due += period / 1000
-        time.sleep(max(0.0, due - time.monotonic()))
     time.sleep(1)
 
 
