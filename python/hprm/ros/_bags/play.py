@@ -54,21 +54,22 @@ class Player:
 
     def _play(self) -> None:
         """Publish all messages of one time, and wait until that of the next ones."""
-        if self._next is None:
-            self._timer.cancel()
-            self.is_done = True
-            return
-        time = self._next[0]
+        time = None if self._next is None else self._next[0]
         while self._next is not None and self._next[0] == time:
             _, topic, message = self._next
             self._publishers[topic].publish(message)
             self._next = next(self._messages, None)
-        if self._next is None and self._loops:
+        if self._next is None and self._loops and time is not None:
             self._messages = self._begin()
             self._next = next(self._messages)
             self._played = -1
-        due = 0 if self._next is None else round((self._next[0] - self._first) / self._rate)
+        if self._next is None:
+            # At once: a timer that is due each nanosecond would delay an interrupt.
+            self._timer.cancel()
+            self.is_done = True
+            return
         # Computed from the first message, so that roundings do not add up.
+        due = round((self._next[0] - self._first) / self._rate)
         self._timer.timer_period_ns = max(due - self._played, 1)
         self._played = due
 
