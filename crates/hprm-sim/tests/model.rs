@@ -71,6 +71,13 @@ const QUIET_LEAVER: &str = "
     a: shutdown > b
     b: every 1
     b: on a";
+/// One that gets an answer to its last message before its last tag is over.
+const LEAVER_ON_A_CYCLE: &str = "
+    a: shutdown > b
+    a: shutdown > b
+    b: every 1
+    b: on a > a
+    a: on b";
 const CYCLE_OF_THREE: &str = "
     a: every 1 > b
     b: on a > c
@@ -227,11 +234,13 @@ fn boards() {
         ("delayed cycle", DELAYED_CYCLE, 1, &[Depart(B)]),
     ];
     // Where tags have to become due, a federate may ask to leave while it sleeps, after it has promised more.
-    let clocks: [Case; 3] = [
+    let clocks: [Case; 4] = [
         ("clock", CLOCK, 10_000_000, &[Event(A)]),
         ("quiet leaver", QUIET_LEAVER, 2, &[Depart(A)]),
         // What has left has relied on the one that leaves after it, too.
         ("quiet leaver", QUIET_LEAVER, 1, &[Depart(A), Depart(B)]),
+        // What has followed from its own promise has come back to the one that leaves.
+        ("leaver on cycle", LEAVER_ON_A_CYCLE, 2, &[Depart(A)]),
     ];
     let setting = Setting { start_delay: PAST, boards: true, ..Setting::default() };
     look_with(Setting { start_delay: 1_000, ..setting.clone() }, "centralized", &clocks);

@@ -203,6 +203,10 @@ impl Federate {
             certain = certain.min(Step::begin(self.current.succ().max(self.first)));
         }
         showing.boards.post(certain, departs);
+        if departs {
+            // What this federate had promised before has gone around a cycle, perhaps, and come back as what it knows.
+            machine.only_safe(showing.boards.known(&self.topology));
+        }
         let says_less = showing.shown.is_some_and(|shown| shown.next >= certain);
         let is_known = says_less && showing.boards.unshown() <= 1 && !departs;
         // Before that, nothing depends on it, and then this federate looks again. Often its messages tell it enough.
