@@ -5,7 +5,8 @@
 //! message that is sent to a federate at its first tag or later arrives. A message that was sent before,
 //! for such a tag, may arrive; here it arrives if it did in the run. The same holds for a message for a tag
 //! after the last one of the program: a federate that does not know that tag yet sends it, and one that does
-//! not. A process that was killed may have passed the last tag, and have taken such a message.
+//! not. A process that was killed may have passed the last tag, and have taken such a message. One that was killed when
+//! another federate was about to join may have passed the first tag of that one, which has started without it: it gets nothing of it.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -93,6 +94,12 @@ impl<'a> Actor<'a> {
         }
     }
 
+    /// Whether another process has started when this one had been killed, at a tag that this one had passed.
+    fn was_killed_before(&self, other: &Life) -> bool {
+        let Life { federate, first, .. } = *self.life;
+        !self.ends && first <= other.first && other.without.contains(&federate)
+    }
+
     /// What it does next, unless it is killed before.
     fn next(&self) -> Option<Tag> {
         let next = self.scheduler.next_tag().min(self.stop.unwrap_or(Tag::FOREVER));
@@ -162,9 +169,12 @@ impl Stage<'_> {
                 federate == channel.to && first <= send.tag && send.tag <= last
             };
             let Some(to) = self.actors.iter().position(receives) else { continue };
+            let sender = self.actors[from].life;
             let actor = &mut self.actors[to];
             let arrived = actor.arrivals.contains(&(send.channel, send.tag));
-            let must = now >= actor.life.first && send.tag <= self.stop;
+            let must = now >= actor.life.first
+                && send.tag <= self.stop
+                && !actor.was_killed_before(sender);
             if must && !arrived && send.tag < self.certain {
                 let (sent, at) = (send.channel, send.tag);
                 self.wrong =

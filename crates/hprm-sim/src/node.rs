@@ -73,6 +73,8 @@ pub(crate) struct Node {
     pub(crate) lag: Noted,
     keeps_arrivals: bool,
     start: Option<PhysicalTime>,
+    /// The federates that had no process when it started.
+    without: Vec<FederateId>,
     /// Whether the scheduler is within a tag.
     open: bool,
     /// Outputs that the network has to carry out.
@@ -159,6 +161,7 @@ impl Node {
             lag: Noted(0),
             keeps_arrivals: program.federates.values().any(|federate| federate.transient),
             start: None,
+            without: Vec::new(),
             open: false,
             outputs: VecDeque::new(),
             stop_after: stop.map(|(_, tag)| tag),
@@ -270,7 +273,8 @@ impl Node {
         };
         let Instance { federate, .. } = self.me;
         let (first, last) = (self.scheduler.first_tag(), self.scheduler.tag());
-        Some(Life { federate, first, last, end, log: self.log, arrivals: self.arrivals })
+        let Self { without, log, arrivals, .. } = self;
+        Some(Life { federate, first, without, last, end, log, arrivals })
     }
 
     /// Takes an input.
@@ -286,6 +290,8 @@ impl Node {
             match output {
                 Output::Start { at, first } => {
                     self.start = Some(at);
+                    let federates = self.scheduler.program().federates.ids();
+                    self.without = federates.filter(|it| !self.machine.is_live(*it)).collect();
                     self.scheduler.start_late(at, first);
                 }
                 Output::Deliver { channel, tag, payload } => {

@@ -142,6 +142,8 @@ pub struct Life {
     pub federate: FederateId,
     /// Its first tag.
     pub first: Tag,
+    /// The federates that had no process when it started, as it knew.
+    pub without: Vec<FederateId>,
     /// The last tag that it has begun.
     pub last: Tag,
     /// How it has ended.
