@@ -6,7 +6,7 @@ use hprm_core::PhysicalTime;
 
 use super::bytes::Bytes;
 use super::pace::Pace;
-use super::packet::{FRAME_LIMIT, Header};
+use super::packet::{FRAME_LIMIT, Header, RUNS};
 use super::{Violation, WINDOW_BYTES, WINDOW_FRAMES};
 
 /// So many later transmissions may arrive before an earlier one counts as lost: the carrier may reorder a little.
@@ -53,7 +53,7 @@ struct Slot {
 /// vain. So one is sent again, and what is answered first tells which it is.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 enum Probe {
-    /// The last of the items is to be sent again.
+    /// The last of the items that the other end could tell of is to be sent again.
     Due,
     /// This one has been.
     Sent(u64),
@@ -82,6 +82,8 @@ pub(super) struct Outgoing {
     byte_limit: u64,
     is_finished: bool,
     probe: Option<Probe>,
+    /// Of what has these numbers or later ones, the other end's last answer said nothing: it had no room for more runs.
+    untold: u64,
     pace: Pace,
 }
 
@@ -102,6 +104,7 @@ impl Outgoing {
             byte_limit: WINDOW_BYTES,
             is_finished: false,
             probe: None,
+            untold: u64::MAX,
             pace: Pace::new(WINDOW_BYTES),
         }
     }
@@ -153,9 +156,11 @@ impl Outgoing {
         }
         let next = match self.probe {
             Some(Probe::Sent(_)) => return None,
-            Some(Probe::Due) => self.lost.pop_last(),
-            None => self.lost.pop_first(),
+            Some(Probe::Due) => self.lost.range(..self.untold).next_back().copied(),
+            None => None,
         };
+        let next = next.or_else(|| self.lost.first().copied());
+        self.lost.remove(&next.unwrap_or(u64::MAX));
         let number = match next {
             Some(number) => number,
             None if self.unsent < self.end() && self.has_credit() => {
@@ -194,6 +199,7 @@ impl Outgoing {
         if end > self.unsent {
             return Err(Violation::Acknowledged);
         }
+        self.untold = if header.held.len() < RUNS { u64::MAX } else { end };
         self.frame_limit = self.frame_limit.max(header.frame_limit);
         self.byte_limit = self.byte_limit.max(header.byte_limit);
         let (mut latest, mut are_late) = (None, false);

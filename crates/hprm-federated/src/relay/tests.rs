@@ -129,6 +129,26 @@ fn what_comes_early_waits_and_what_comes_twice_is_dropped() {
 }
 
 #[test]
+fn more_gaps_than_an_answer_has_room_for_are_filled() {
+    let mut pair = Pair::acquainted();
+    (0..60).for_each(|number| pair.give(0, Input::Frame(vec![number])));
+    // They are lost, then every other one is once more, and so are all answers until the frames count as lost.
+    pair.drain(0);
+    pair.give(0, Input::CarrierDown);
+    pair.give(0, Input::CarrierUp);
+    for packet in pair.drain(0).into_iter().filter(|it| it.last().is_some_and(|last| last % 2 == 1))
+    {
+        pair.give(1, Input::Packet(packet));
+    }
+    pair.drain(1);
+    pair.pass(at(250), [true, false]);
+    assert!(pair.told[1].is_empty());
+    pair.pass(at(10_000), [false, false]);
+    let frames: Vec<_> = (0..60).map(|number| Output::Frame(vec![number].into())).collect();
+    assert_eq!(pair.told[1], frames);
+}
+
+#[test]
 fn one_answer_is_enough_for_all_that_has_come() {
     let mut pair = Pair::acquainted();
     for number in 0..20 {
