@@ -529,23 +529,36 @@ impl World {
         self.look_at_boards(now, me)
     }
 
-    /// Before a federate sleeps, it reads all boards, and advances if they permit it. Then it wakes up those that wait
-    /// for what it has posted.
+    /// After a federate has posted, it wakes up those that wait for that, if any sleeps that heeds boards. Before it sleeps, it reads
+    /// the boards itself, if it heeds them, and advances if they permit it.
     fn look_at_boards(&mut self, now: PhysicalTime, me: Instance) -> Result<(), Fault> {
         if !self.node(me).machine.reads_boards() {
             return Ok(());
         }
         let local = self.clocks[me.federate].local(now);
         loop {
+            let wakes = self.boards.take_posted(me) && self.is_heeded(me);
             let node = self.nodes.get_mut(&me).expect("it has a turn");
-            if !self.boards.read(node, local, || true)? || node.is_over() {
-                break;
+            let heeds = wakes || node.machine.heeds_boards();
+            let any = heeds && self.boards.read(node, local, || true)?;
+            let is_over = node.is_over();
+            if wakes {
+                self.wake_released(now, me);
+            }
+            if !any || is_over {
+                return Ok(());
             }
             self.advance(now, me)?;
         }
-        if !self.boards.take_posted(me) {
-            return Ok(());
-        }
+    }
+
+    /// Whether a federate sleeps that heeds the board of this one.
+    fn is_heeded(&self, me: Instance) -> bool {
+        let others = self.nodes.values().filter(|it| it.me != me && !it.is_over());
+        others.into_iter().any(|it| it.machine.heeds_boards())
+    }
+
+    fn wake_released(&mut self, now: PhysicalTime, me: Instance) {
         for released in self.node(me).machine.released() {
             let machines = self.plan.machines.as_ref();
             if machines.is_some_and(|it| !it.share_boards(me.federate, released)) {
@@ -556,7 +569,6 @@ impl World {
             let board = Place::Board(me.federate);
             self.network.send(now, board, Place::Federate(to), Event::Released(to));
         }
-        Ok(())
     }
 
     /// A federate advances as far as it may.

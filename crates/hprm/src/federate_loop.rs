@@ -249,7 +249,7 @@ where
             }
             self.read_inbox()?;
             self.read_links()?;
-            self.read_boards()?;
+            self.read_boards_if_needed()?;
             self.federation.serve_watchers();
             self.report_loaded()?;
             self.send_releases()?;

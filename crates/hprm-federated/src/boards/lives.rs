@@ -82,6 +82,15 @@ impl Boards {
         self.is_without(federate);
     }
 
+    /// A process that is about to join does nothing at tags that its predecessor may have begun, of which `last` is the last one.
+    pub(crate) fn follows(&mut self, federate: FederateId, last: Tag) {
+        if last > Tag::NEVER {
+            let first = &mut self.lives.first[federate];
+            *first = last.succ().max(*first);
+            self.refresh(federate);
+        }
+    }
+
     /// A federate starts late, at `first` or later.
     pub(crate) fn joins(&mut self, federate: FederateId, first: Tag) {
         self.lives.absent.remove(&federate);

@@ -38,6 +38,11 @@ impl Meeting {
         self.waiting.contains(&peer)
     }
 
+    /// Whether this federate waits until boards show that all has been read of one that was killed.
+    pub(super) fn awaits_boards(&self) -> bool {
+        !self.waiting.is_empty()
+    }
+
     pub(super) fn forget(&mut self, peer: FederateId) {
         self.returning.remove(&peer);
         self.linking.remove(&peer);
@@ -100,6 +105,9 @@ impl Federate {
             self.meeting.waiting.remove(&federate);
             let last = self.last_of(federate, elapsed);
             self.include(federate);
+            if let Some(showing) = &mut self.showing {
+                showing.boards.follows(federate, last);
+            }
             self.meeting.unanswered.insert(federate, Some(last));
         }
     }

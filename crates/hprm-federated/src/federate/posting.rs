@@ -142,6 +142,14 @@ impl Federate {
         }
     }
 
+    /// Whether what others show may let this federate go on, or answer the RTI. Otherwise it may leave their boards unread.
+    #[must_use]
+    pub fn heeds_boards(&self) -> bool {
+        let Some(Showing { shown, departing, .. }) = &self.showing else { return false };
+        let waits = shown.is_none_or(|shown| shown.waits > Step::NEVER);
+        waits || !departing.is_empty() || self.meeting.awaits_boards()
+    }
+
     /// The federates that need not wait any more because of what this federate has posted.
     #[must_use]
     pub fn released(&mut self) -> Vec<FederateId> {

@@ -2,19 +2,22 @@
 //!
 //! What is on them is a [`Posting`] of the federate's machine, which decides what follows from it. Here is how it gets
 //! from one process to another, and how none of them sleeps while its board tells that it need not wait: a federate
-//! posts what it waits for, says that it sleeps, and then looks once more at the boards of the others; each of these
-//! posts, and then looks whether a federate sleeps that it has released. Whichever of both comes first, the other one
+//! posts what it waits for, says that it sleeps and heeds the boards, and then looks once more at those of the others; each of
+//! these posts, and then looks whether a federate sleeps that heeds that. Whichever of both comes first, the other one
 //! sees it.
+//!
+//! Most federates sleep until a message comes or the clock gets somewhere. They heed no boards, and no other federate
+//! looks at what they show.
 
 use std::io;
 use std::os::fd::OwnedFd;
 
-use hprm_core::{FederateId, SortedMap, Tag};
-use hprm_federated::{Input, Posting, Step, Tally};
+use hprm_core::{FederateId, Nanos, PhysicalTime, SortedMap, Tag};
+use hprm_federated::{Input, Permission, Posting, Step, Tally};
 use hprm_store::{Board, BoardLayout, BoardView};
 
-use super::FederateLoop;
 use super::membership::Membership;
+use super::{FederateLoop, Phase};
 use crate::notifier::RemoteNotifier;
 use crate::{Failure, Host};
 
@@ -25,13 +28,22 @@ const NAME: &str = "hprm-coordination";
 const POSTING: usize = 0;
 
 /// The lane that says whether the owner sleeps.
-const ASLEEP: usize = 0;
+const SLEEP: usize = 0;
+
+/// What is in the lane of a federate that does not sleep, of one that sleeps, and of one that sleeps until a board
+/// says that it need not.
+const AWAKE: u64 = 0;
+const ASLEEP: u64 = 1;
+const HEEDFUL: u64 = 2;
 
 /// How many words a posting has before its tallies, and each tally.
 const HEAD: usize = 7;
 const TALLY: usize = 3;
 
 const WORD: usize = size_of::<u64>();
+
+/// How long a federate that goes on without the boards leaves them unread, in nanoseconds.
+const UNREAD: Nanos = 100_000;
 
 /// See the module.
 #[derive(Debug)]
@@ -40,6 +52,10 @@ pub(crate) struct Boards {
     others: SortedMap<FederateId, Other>,
     /// Whether this federate has posted since it last looked which federates that releases.
     posted: bool,
+    /// When it last read the boards of the others at the beginning of a round.
+    read_at: PhysicalTime,
+    /// Whether what the others show may let it go on.
+    heeds: bool,
     bytes: Vec<u8>,
     /// Room for the tallies of the next posting that is read.
     tallies: Vec<Tally>,
@@ -64,6 +80,8 @@ impl Boards {
             own,
             others: SortedMap::new(),
             posted: false,
+            read_at: PhysicalTime(0),
+            heeds: true,
             bytes: Vec::new(),
             tallies: Vec::new(),
         })
@@ -114,9 +132,14 @@ impl Boards {
         posted
     }
 
-    /// Whether another federate shows something new.
+    /// Whether another federate shows something new that may let this one go on.
     pub(crate) fn have_news(&self) -> bool {
-        self.others.values().any(|it| it.publications() != it.read)
+        self.heeds && self.others.values().any(|it| it.publications() != it.read)
+    }
+
+    /// Whether another federate sleeps until a board says that it need not.
+    fn are_heeded(&self) -> bool {
+        self.others.values().any(|it| it.sleep() == Some(HEEDFUL))
     }
 
     /// What the first of the other federates shows that shows something new, of those that `looked_at` does not count yet.
@@ -141,7 +164,7 @@ impl Boards {
     /// Wakes up a federate, if it sleeps.
     pub(super) fn wake_up(&self, federate: FederateId) {
         let Some(other) = self.others.get(&federate) else { return };
-        let sleeps = other.board.as_ref().is_some_and(|board| board.lane(ASLEEP) != Some(0));
+        let sleeps = other.sleep().is_some_and(|sleep| sleep != AWAKE);
         if sleeps && let Some(notifier) = &other.notifier {
             notifier.notify();
         }
@@ -149,13 +172,13 @@ impl Boards {
 
     /// From now on, others wake this federate up. It must look at the boards once more.
     pub(crate) fn announce_sleep(&self) {
-        self.own.set_lane(ASLEEP, 1);
+        self.own.set_lane(SLEEP, if self.heeds { HEEDFUL } else { ASLEEP });
         self.own.before_look();
     }
 
     /// This federate is awake.
     pub(crate) fn end_sleep(&self) {
-        self.own.set_lane(ASLEEP, 0);
+        self.own.set_lane(SLEEP, AWAKE);
     }
 }
 
@@ -163,12 +186,40 @@ impl Other {
     fn publications(&self) -> u64 {
         self.board.as_ref().map_or(0, |board| board.publications(POSTING))
     }
+
+    /// Whether it sleeps, and heeds boards.
+    fn sleep(&self) -> Option<u64> {
+        self.board.as_ref()?.lane(SLEEP)
+    }
 }
 
 impl<H: Host> FederateLoop<'_, H>
 where
     H::Value: Send + Sync,
 {
+    /// Reads what other federates show, unless this one goes on without that: often its messages tell that the next tag
+    /// may begin. Memory that a receiver leaves alone stays in the cache of the processor that posts.
+    pub(super) fn read_boards_if_needed(&mut self) -> Result<(), Failure> {
+        let Some(boards) = self.federation.links.boards() else { return Ok(()) };
+        let is_new = (0..UNREAD).contains(&self.now.since(boards.read_at));
+        if is_new && self.goes_on() {
+            return Ok(());
+        }
+        if let Some(boards) = self.federation.links.boards() {
+            boards.read_at = self.now;
+        }
+        self.read_boards().map(drop)
+    }
+
+    /// Whether the next tag may begin at once, as far as this federate knows.
+    fn goes_on(&self) -> bool {
+        let tag = self.scheduler.next_tag();
+        self.phase == Phase::Running
+            && tag < Tag::FOREVER
+            && self.due(tag) <= self.now
+            && self.federation.machine.permission(tag, self.now) == Permission::Granted
+    }
+
     /// Reads what other federates show. Returns whether anything was new.
     pub(super) fn read_boards(&mut self) -> Result<bool, Failure> {
         let (mut looked_at, mut any) = (0, false);
@@ -184,8 +235,10 @@ where
     /// After this federate has shown something new: wakes up those that wait for that. Returns whether it has found
     /// something new itself.
     pub(super) fn wake_up_others(&mut self) -> Result<bool, Failure> {
-        let posted = self.federation.links.boards().is_some_and(Boards::take_posted);
-        if !posted {
+        let Membership { machine, links, .. } = &mut self.federation;
+        let Some(boards) = links.boards() else { return Ok(false) };
+        boards.heeds = machine.heeds_boards();
+        if !boards.take_posted() || !boards.are_heeded() {
             return Ok(false);
         }
         let any = self.read_boards()?;
@@ -326,6 +379,21 @@ mod tests {
         assert!(b.have_news() && a.take_posted() && !a.take_posted());
         assert_eq!(news(&mut b), Some((FederateId(0), counted(2))));
         assert!(!b.have_news() && news(&mut b).is_none());
+    }
+
+    #[test]
+    fn only_one_that_sleeps_and_heeds_boards_is_looked_after() {
+        let [(mut a, _), (mut b, _)] = pair();
+        assert!(!a.are_heeded());
+        b.announce_sleep();
+        assert!(a.are_heeded());
+        b.end_sleep();
+        assert!(!a.are_heeded());
+        b.heeds = false;
+        b.announce_sleep();
+        a.post(counted(1));
+        assert!(!a.are_heeded() && !b.have_news());
+        assert!(news(&mut b).is_some(), "it may be read nevertheless");
     }
 
     #[test]

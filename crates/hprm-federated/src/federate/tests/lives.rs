@@ -165,3 +165,74 @@ fn a_federate_does_not_answer_about_one_that_joins_before_it_shows_what_it_has_r
     input(&mut a, 5, Input::Completed(at(5)));
     assert!(met(input(&mut a, 5, Input::NextEvent(at(9)))));
 }
+
+#[test]
+fn one_that_leaves_does_nothing_at_tags_that_a_killed_one_has_begun() {
+    let leaves = |has_successor: bool| {
+        let mut a = linked("transient b\na -> b", "a", &[1]);
+        start(&mut a, Tag::START);
+        input(&mut a, 3, Input::NextEvent(at(90)));
+        let tallies = vec![Tally { messages: 0, latest: Tag::NEVER, life: 1 }];
+        let (next, waits) = (Step::begin(at(50)), Step::NEVER);
+        let posting = Posting { next, waits, departs: false, ended: false, life: 1, tallies };
+        input(&mut a, 4, Input::Board { from: FederateId(1), posting });
+        input(&mut a, 60, Input::RequestDeparture);
+        input(&mut a, 60, gone(1));
+        input(&mut a, 60, Input::PeerLost(FederateId(1)));
+        if has_successor {
+            input(&mut a, 61, Input::FromRti(Frame::Joining { peer: peer(1, 2) }));
+            input(&mut a, 61, Input::PeerUp(FederateId(1)));
+            input(&mut a, 61, Input::NextEvent(at(90)));
+        }
+        let outputs = input(&mut a, 62, Input::FromRti(Frame::Depart { tag: at(4) }));
+        outputs.into_iter().find_map(|output| match output {
+            Output::LeaveAt(tag) => Some(tag),
+            _ => None,
+        })
+    };
+    assert_eq!(leaves(false), Some(at(50).succ()));
+    assert_eq!(leaves(true), Some(at(50).succ()));
+}
+
+#[test]
+fn a_federate_heeds_boards_while_something_on_them_may_let_it_go_on() {
+    let c = FederateId(0);
+    let mut a = linked("c -> a\na -> d", "a", &[0, 2]);
+    start(&mut a, Tag::START);
+    input(&mut a, 1, Input::NextEvent(at(9)));
+    assert!(!a.heeds_boards(), "its next tag is not due");
+    input(&mut a, 9, Input::Wake);
+    assert!(a.heeds_boards(), "it waits for its input");
+    let shows = |next, departs| {
+        let tallies = vec![Tally { messages: 0, latest: Tag::NEVER, life: 0 }];
+        let (next, waits) = (Step::begin(at(next)), Step::NEVER);
+        let posting = Posting { next, waits, departs, ended: false, life: 0, tallies };
+        Input::Board { from: c, posting }
+    };
+    input(&mut a, 9, shows(20, false));
+    input(&mut a, 9, Input::NextEvent(at(9)));
+    input(&mut a, 9, Input::Begun(at(9)));
+    input(&mut a, 9, Input::Completed(at(9)));
+    input(&mut a, 9, Input::NextEvent(at(40)));
+    assert!(!a.heeds_boards());
+    let departing = Frame::Departing { federate: c, incarnation: 0 };
+    input(&mut a, 10, Input::FromRti(departing));
+    assert!(a.heeds_boards(), "it has not read that the other one leaves");
+    input(&mut a, 10, shows(20, true));
+    input(&mut a, 10, Input::NextEvent(at(40)));
+    assert!(!a.heeds_boards());
+}
+
+#[test]
+fn a_federate_heeds_boards_until_all_has_been_read_of_one_that_was_killed() {
+    let (b, third) = (FederateId(1), FederateId(2));
+    let mut a = linked("transient b\na -> b after 1\nb -> a\nb -> c\nc -> a", "a", &[1, 2]);
+    start(&mut a, Tag::START);
+    input(&mut a, 1, Input::NextEvent(at(5)));
+    input(&mut a, 1, gone(1));
+    input(&mut a, 1, Input::PeerLost(b));
+    input(&mut a, 1, Input::FromRti(Frame::Joining { peer: peer(1, 2) }));
+    input(&mut a, 1, Input::PeerUp(b));
+    input(&mut a, 1, Input::NextEvent(at(5)));
+    assert!(a.heeds_boards(), "{third:?} may still read something of it");
+}
