@@ -28,12 +28,24 @@ federated reactor { source = new Source()  sink = new Sink()  source.out -> sink
 
 ALL = "[sink] 20000.0\n" * 3
 
+RING = """\
+target Python { timeout: 20 ms }
+reactor Node {
+  input inp  output out
+  timer t(0, 10 ms)
+  reaction(t) -> out {= out.set(1) =}
+  reaction(inp) {= pass =}
+}
+federated reactor { first = new Node()  other = new[15] Node()
+  first.out, other.out -> other.inp, first.inp after 10 ms }
+"""
+
 
 def run(
-    folder: Path, limit: str, coordination: str, *options: str
+    folder: Path, limit: str, coordination: str, *options: str, program: str = PROGRAM
 ) -> subprocess.CompletedProcess[str]:
     """Run the program within a limit, as a shell sets it."""
-    (folder / "Main.lf").write_text(PROGRAM)
+    (folder / "Main.lf").write_text(program)
     hprm = Path(sys.executable).with_name("hprm")
     options = (f"--property coordination={coordination}", *options)
     command = f"ulimit {limit} && exec {hprm} run {' '.join(options)} Main.lf"
@@ -89,6 +101,14 @@ def test_too_few_descriptors_are_said_once_or_suffice(
     assert done.stderr.count("error:") == 1, done.stderr
     assert "too many open files" in done.stderr
     assert "ulimit -n" in done.stderr
+
+
+@pytest.mark.parametrize("limit", ["-S -n 256", "-n 256"])
+def test_federates_that_all_read_the_boards_of_all_need_no_more_descriptors_than_there_may_be(
+    tmp_path: Path, limit: str
+) -> None:
+    done = run(tmp_path, limit, "centralized", program=RING)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 @cache

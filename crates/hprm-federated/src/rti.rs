@@ -301,6 +301,15 @@ impl Rti {
         self
     }
 
+    /// How many descriptors federates give one another so that each has the boards it reads; none for a program whose federates
+    /// read no boards.
+    #[must_use]
+    pub fn board_descriptors(&self) -> usize {
+        let readings =
+            if self.has_use_for_boards() { readings(&self.topology) } else { Vec::new() };
+        readings.into_iter().map(|it| it.descriptors().count()).sum()
+    }
+
     /// Whether federates may join late.
     #[must_use]
     pub fn takes_transients(&self) -> bool {

@@ -22,6 +22,7 @@ use hprm_federated::{
 };
 
 use crate::board::{Identity, Role};
+use crate::launch::allow_boards;
 use crate::link::descriptors::no_notifier;
 use crate::link::{Keys, Link, LinkAcceptor, Network, Purpose};
 use crate::log::log_names;
@@ -235,9 +236,13 @@ impl Rti {
         let delay = if is_open { START_DELAY_NETWORK } else { START_DELAY };
         let machine = hprm_federated::Rti::new(topology, keys.name(), fingerprint, delay)
             .watching(options.hang_timeout);
+        let federates = options.program.federates.len();
         let machine = match may_use_boards(network)? {
-            true => machine.with_boards(is_open),
-            false => machine,
+            // Where there are too few descriptors, the RTI says how far each federate may advance.
+            true if allow_boards(machine.board_descriptors(), federates) => {
+                machine.with_boards(is_open)
+            }
+            _ => machine,
         };
         let listeners = std::iter::once(&options.listen)
             .chain(&options.also_listen)

@@ -206,10 +206,13 @@ impl Rti {
             false => is_reached_through_agent(listen),
         };
         let all_listen = peers.iter().all(|peer| peer.listen.as_ref().is_some_and(accepts));
-        let centralized = self.topology.coordination() == hprm_core::Coordination::Centralized;
+        self.allows_boards && self.has_use_for_boards() && all_listen && pays()
+    }
+
+    /// Whether boards are of use to the program.
+    pub(super) fn has_use_for_boards(&self) -> bool {
         let few = self.topology.federates().count() <= boards::FEDERATES;
-        let fits = centralized && few;
-        self.allows_boards && fits && all_listen && pays()
+        few && self.topology.coordination() == hprm_core::Coordination::Centralized
     }
 
     fn all_have_joined(&self) -> bool {

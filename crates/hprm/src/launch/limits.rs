@@ -28,18 +28,27 @@ pub(super) fn check_files(federates: usize) -> Result<(), Failure> {
 ///
 /// If it cannot be raised.
 pub fn need_files(needed: u64, federates: usize) -> Result<(), Failure> {
-    let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
-    let Some(now) = current.filter(|now| *now < needed) else { return Ok(()) };
-    if maximum.is_none_or(|maximum| maximum >= needed)
-        && setrlimit(Resource::Nofile, Rlimit { current: Some(needed), maximum }).is_ok()
-    {
-        return Ok(());
-    }
+    let Err(now) = raise_files(needed) else { return Ok(()) };
     let error = format!(
         "too many open files: this process may have {now}, and needs {needed} for {federates} federates"
     );
     let hint = format!("raise the limit: ulimit -n {}", needed.max(1024));
     Err(Failure::command(error).with_hint(&hint))
+}
+
+/// Whether this process may have the descriptors of so many boards beside what it needs for each federate: all boards that
+/// federates read may be on their way through it at a time. Raises the limit, if it is below that.
+pub(crate) fn allow_boards(boards: usize, federates: usize) -> bool {
+    raise_files(FILES + FILES_EACH * federates as u64 + boards as u64).is_ok()
+}
+
+/// Raises the limit of open files, if it is below what this process needs; or returns the limit.
+fn raise_files(needed: u64) -> Result<(), u64> {
+    let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
+    let Some(now) = current.filter(|now| *now < needed) else { return Ok(()) };
+    let is_raised = maximum.is_none_or(|maximum| maximum >= needed)
+        && setrlimit(Resource::Nofile, Rlimit { current: Some(needed), maximum }).is_ok();
+    if is_raised { Ok(()) } else { Err(now) }
 }
 
 /// The failure that a process cannot be started, with what to do about it if a limit is the cause.
