@@ -134,6 +134,36 @@ def test_a_federate_that_sends_too_fast_waits(
     assert (bench.folder / "sent").stat().st_size == MESSAGES
 
 
+class Still:
+    """Whether a file has not grown for a while."""
+
+    def __init__(self, path: Path) -> None:
+        """Nothing has been looked at."""
+        self._path, self._size, self._since = path, -1, 0.0
+
+    def __call__(self) -> bool:
+        """Look once."""
+        size, now = self._path.stat().st_size if self._path.exists() else -1, time.monotonic()
+        if size != self._size or size <= 0:
+            self._size, self._since = size, now
+        return now >= self._since + 0.5
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_federate_that_sends_references_too_fast_waits(bench: Bench, coordination: str) -> None:
+    size, messages, sent = 400_000, 1_000, bench.folder / "sent"
+    text = program(coordination, "->", True).replace(str(MESSAGES), str(messages))
+    (bench.folder / "Main.lf").write_text(text.replace(str(SIZE), str(size)))
+    federation = bench.call("run", "--in-process", "Main.lf")
+    until(Still(sent), "the source waits")
+    counts = sent.stat().st_size * size / 16
+    assert LIMIT - 2 * size < counts < LIMIT + LIMIT // 4 + size
+    (bench.folder / "go").touch()
+    outcome = finish(federation)
+    assert (outcome.code, outcome.out) == (0, f"[sink] received {messages}\n"), outcome.err
+    assert sent.stat().st_size == messages
+
+
 FLOOD = """\
 target Python { coordination: COORDINATION }
 reactor Source {

@@ -112,6 +112,21 @@ impl Payload {
         Ok(Self { head: copy_of(&self.head)?, parts, physical: self.physical })
     }
 
+    /// What stands for a value of this process, which has that number and so many bytes.
+    #[must_use]
+    pub fn reference(number: u64, bytes: u64) -> Self {
+        let head = [number.to_le_bytes(), bytes.to_le_bytes()].concat();
+        Self { head, ..Self::default() }
+    }
+
+    /// The number of the value that this payload stands for, and its bytes; none, if it stands for no value of this process.
+    #[must_use]
+    pub fn referred(&self) -> Option<(u64, u64)> {
+        let (words, []) = self.head.as_chunks() else { return None };
+        let [number, bytes] = words else { return None };
+        Some((u64::from_le_bytes(*number), u64::from_le_bytes(*bytes)))
+    }
+
     /// How many bytes the value has, wherever they are.
     #[must_use]
     pub fn byte_count(&self) -> u64 {

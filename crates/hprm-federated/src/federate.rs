@@ -177,6 +177,14 @@ impl Federate {
         self
     }
 
+    /// Messages are references to values of this process ([`Payload::reference`]): their values count as what lies in the object
+    /// store.
+    #[must_use]
+    pub fn with_references(mut self) -> Self {
+        self.flow.count_references();
+        self
+    }
+
     /// Sets how long the RTI has to explain why a direct link is broken, in nanoseconds, if what it says may take longer
     /// than usual to arrive: over relayed links, [`TOLD`](crate::relay::TOLD).
     #[must_use]

@@ -155,6 +155,7 @@ pub(crate) struct Flow {
     bounded: SortedMap<ChannelId, BoundedOutgoing>,
     /// How many messages on channels that block their senders wait at this receiver for their tags.
     waiting: usize,
+    has_references: bool,
 }
 
 impl Flow {
@@ -182,6 +183,20 @@ impl Flow {
             reportable_groups: 0,
             bounded: bounded.collect(),
             waiting: 0,
+            has_references: false,
+        }
+    }
+
+    /// Messages are references to values of this process.
+    pub(crate) fn count_references(&mut self) {
+        self.has_references = true;
+    }
+
+    /// How many bytes a message counts for.
+    fn weight(&self, payload: &Payload) -> u64 {
+        match payload.referred().filter(|_| self.has_references) {
+            Some((_, bytes)) => OVERHEAD.saturating_add(bytes / OBJECT_DIVISOR),
+            None => weight(payload),
         }
     }
 
@@ -189,7 +204,7 @@ impl Flow {
 
     /// A message leaves on a channel. One on a physical channel has the tag at which it was sent.
     pub(crate) fn sent(&mut self, to: FederateId, channel: ChannelId, tag: Tag, payload: &Payload) {
-        let bytes = weight(payload);
+        let bytes = self.weight(payload);
         let receiver = self.receivers.or_default(to);
         receiver.bytes = receiver.bytes.saturating_add(bytes);
         self.is_over |= receiver.bytes > self.limit;
@@ -256,13 +271,14 @@ impl Flow {
 
     /// A message has arrived.
     pub(crate) fn arrived(&mut self, channel: ChannelId, tag: Tag, payload: &Payload) {
+        let bytes = self.weight(payload);
         let Some(incoming) = self.incoming.get_mut(&channel) else { return };
         if let Some(bounded) = &mut incoming.bounded {
-            bounded.untagged.push_back(weight(payload));
+            bounded.untagged.push_back(bytes);
             return;
         }
         let tag = if incoming.physical { Tag::NEVER } else { tag };
-        incoming.backlog.push(tag, weight(payload), incoming.report_threshold);
+        incoming.backlog.push(tag, bytes, incoming.report_threshold);
         let is_reportable =
             incoming.backlog.0.back().is_some_and(|group| group.bytes >= incoming.report_threshold);
         self.reportable_groups += usize::from(is_reportable);

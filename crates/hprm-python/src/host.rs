@@ -205,7 +205,11 @@ impl Host for PyHost {
         Ok(Value::arrived(way, payload, objects, arrival.read()))
     }
 
-    fn send_in_process(&mut self, channel: ChannelId, value: &Value) -> Result<Value, Failure> {
+    fn send_in_process(
+        &mut self,
+        channel: ChannelId,
+        value: &Value,
+    ) -> Result<(Value, u64), Failure> {
         let trust = Trust::new(self.pickling, true);
         Python::attach(|py| {
             let prepared = value.sent_in_process(py, &self.codecs[channel], trust);

@@ -26,7 +26,13 @@ use crate::serialize::{self, Place, Sole, Trust};
 const DEPTH_LIMIT: u32 = 64;
 
 /// A value that no federate can change for another.
-pub(crate) enum Parcel {
+pub(crate) struct Parcel {
+    content: Content,
+    /// How many bytes its texts, bytes and arrays have.
+    bytes: u64,
+}
+
+enum Content {
     /// It cannot be changed.
     Object(Py<PyAny>),
     /// Containers, which the receiver may change: it gets a copy of this copy. So are arrays, whose
@@ -50,12 +56,18 @@ impl Parcel {
     pub(crate) fn pack(value: &Bound<'_, PyAny>, codec: &Codec, trust: Trust) -> PyResult<Self> {
         if let Codec::Package(package) = codec {
             let head = codec::bytes(package.bind(value.py()), value)?.as_bytes().to_vec();
-            return Ok(Self::Encoded { head, parts: Vec::new() });
+            return Ok(Self::encoded(head, Vec::new()));
         }
         let mut copying = Copying::new(value.py(), serialize::sole(value)?);
         match copying.value(value) {
-            Ok(copy) if copying.containers == 0 => return Ok(Self::Object(copy.unbind())),
-            Ok(copy) => return Ok(Self::Containers(copy.unbind())),
+            Ok(copy) => {
+                let (copy, bytes) = (copy.unbind(), copying.bytes);
+                let content = match copying.containers {
+                    0 => Content::Object(copy),
+                    _ => Content::Containers(copy),
+                };
+                return Ok(Self { content, bytes });
+            }
             Err(Stop::Raised(error)) => return Err(error),
             Err(Stop::NeedsEncoding) => {}
         }
@@ -64,7 +76,21 @@ impl Parcel {
             hprm_core::Part::Inline(bytes) => Some(ReceivedPart::Inline(Arc::new(bytes))),
             hprm_core::Part::Object(_) | hprm_core::Part::Shipped(_) => None,
         });
-        Ok(Self::Encoded { head: payload.head, parts: parts.collect() })
+        Ok(Self::encoded(payload.head, parts.collect()))
+    }
+
+    fn encoded(head: Vec<u8>, parts: Vec<ReceivedPart>) -> Self {
+        let sizes = parts.iter().map(|part| match part {
+            ReceivedPart::Inline(bytes) => bytes.len() as u64,
+            ReceivedPart::Object(object) => object.object_ref().len,
+        });
+        let bytes = head.len() as u64 + sizes.sum::<u64>();
+        Self { content: Content::Encoded { head, parts }, bytes }
+    }
+
+    /// How many bytes its texts, bytes and arrays have.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.bytes
     }
 
     /// The value, as its receiver may have it.
@@ -73,14 +99,14 @@ impl Parcel {
     ///
     /// If it cannot be decoded.
     pub(crate) fn open(&self, py: Python<'_>, codec: &Codec, trust: Trust) -> PyResult<Py<PyAny>> {
-        match self {
-            Self::Object(object) => Ok(object.clone_ref(py)),
-            Self::Containers(object) => match Copying::opening(py).value(object.bind(py)) {
+        match &self.content {
+            Content::Object(object) => Ok(object.clone_ref(py)),
+            Content::Containers(object) => match Copying::opening(py).value(object.bind(py)) {
                 Ok(copy) => Ok(copy.unbind()),
                 Err(Stop::Raised(error)) => Err(error),
                 Err(Stop::NeedsEncoding) => unreachable!("it has been copied before"),
             },
-            Self::Encoded { head, parts } => codec.decode(py, head, parts, trust),
+            Content::Encoded { head, parts } => codec.decode(py, head, parts, trust),
         }
     }
 }
@@ -111,11 +137,13 @@ struct Copying<'py> {
     depth: u32,
     /// How many copies there are that could be changed.
     containers: u32,
+    /// How many bytes the texts, bytes and arrays have.
+    bytes: u64,
 }
 
 impl<'py> Copying<'py> {
     fn new(py: Python<'py>, sole: Sole) -> Self {
-        Self { py, opening: false, sole, seen: BTreeMap::new(), depth: 0, containers: 0 }
+        Self { py, opening: false, sole, seen: BTreeMap::new(), depth: 0, containers: 0, bytes: 0 }
     }
 
     fn opening(py: Python<'py>) -> Self {
@@ -130,6 +158,7 @@ impl<'py> Copying<'py> {
             || value.is_exact_instance_of::<PyBool>()
             || value.is_exact_instance_of::<PyBytes>();
         if immutable {
+            self.bytes += length(value)?;
             return Ok(value.clone());
         }
         if let Some(copy) = self.seen.get(&address(value)) {
@@ -147,6 +176,7 @@ impl<'py> Copying<'py> {
             self.tuple(tuple)?
         } else if let Ok(bytes) = value.cast_exact::<PyByteArray>() {
             self.containers += 1;
+            self.bytes += bytes.len() as u64;
             PyByteArray::new(self.py, &bytes.to_vec()).into_any()
         } else {
             self.foreign(value)?
@@ -204,10 +234,18 @@ impl<'py> Copying<'py> {
         if frozen.is_none() {
             return Err(Stop::NeedsEncoding);
         }
+        self.bytes += frozen.getattr(intern!(self.py, "nbytes"))?.extract::<u64>()?;
         // An array, of which each receiver gets its own view.
         self.containers += u32::from(!frozen.is(value));
         Ok(frozen)
     }
+}
+
+/// How long a text or bytes are; zero for a number.
+fn length(value: &Bound<'_, PyAny>) -> PyResult<u64> {
+    let is_long =
+        value.is_exact_instance_of::<PyBytes>() || value.is_exact_instance_of::<PyString>();
+    Ok(if is_long { value.len()? as u64 } else { 0 })
 }
 
 /// Whether there are no other references to the arrays of which this one is a view. Code that has such a

@@ -91,7 +91,7 @@ impl Value {
         Self::received(at, codec, content, trust)
     }
 
-    /// The value as it is sent to another federate of this process, encoded by `codec` if it has to be.
+    /// The value as it is sent to another federate of this process, encoded by `codec` if it has to be, and its bytes.
     ///
     /// # Errors
     ///
@@ -101,7 +101,7 @@ impl Value {
         py: Python<'_>,
         codec: &Arc<Codec>,
         trust: Trust,
-    ) -> PyResult<Self> {
+    ) -> PyResult<(Self, u64)> {
         let known = find(&self.0.parcels, codec).or_else(|| self.received_parcel(py, codec));
         let parcel = match known {
             Some(parcel) => parcel,
@@ -112,7 +112,8 @@ impl Value {
                 parcel
             }
         };
-        Ok(Self::of(Origin::InTransit(parcel)))
+        let bytes = parcel.bytes();
+        Ok((Self::of(Origin::InTransit(parcel)), bytes))
     }
 
     /// The value as the receiving federate has it, of what [`Self::sent_in_process`] has returned to the sender.

@@ -85,8 +85,9 @@ pub trait Host {
         is_local: bool,
     ) -> Result<Self::Value, Failure>;
 
-    /// Prepares a value for a federate that runs in another thread of this process. The returned value is not
-    /// encoded and need not be a copy, but this federate must not be able to change it any more.
+    /// Prepares a value for a federate that runs in another thread of this process, and tells how many bytes it has, as
+    /// far as that is known. The returned value is not encoded and need not be a copy, but this federate must not be
+    /// able to change it any more.
     ///
     /// # Errors
     ///
@@ -95,9 +96,9 @@ pub trait Host {
         &mut self,
         channel: ChannelId,
         value: &Self::Value,
-    ) -> Result<Self::Value, Failure> {
+    ) -> Result<(Self::Value, u64), Failure> {
         let _ = channel;
-        Ok(value.clone())
+        Ok((value.clone(), 0))
     }
 
     /// Makes a value of what another federate of this process has returned from

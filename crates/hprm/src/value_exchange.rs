@@ -59,18 +59,18 @@ impl<V> ValueExchange<V> {
         Network::Process(Arc::clone(&self.hub))
     }
 
-    /// Puts a value for a federate into the exchange. Returns the payload that stands for it in a message.
-    pub(crate) fn put(&self, to: FederateId, value: V) -> Payload {
+    /// Puts a value of so many bytes for a federate into the exchange. Returns the payload that stands for it in a message.
+    pub(crate) fn put(&self, to: FederateId, (value, bytes): (V, u64)) -> Payload {
         let number = self.in_transit.next.fetch_add(1, Ordering::Relaxed);
         if let Some(values) = self.values().entry(to).or_insert_with(|| Some(BTreeMap::new())) {
             values.insert(number, value);
         }
-        Payload { head: number.to_le_bytes().to_vec(), ..Payload::default() }
+        Payload::reference(number, bytes)
     }
 
     /// Takes the value of a message to `me`. Each message has its own.
     pub(crate) fn take(&self, me: FederateId, payload: &Payload) -> Option<V> {
-        let number = u64::from_le_bytes(payload.head.as_slice().try_into().ok()?);
+        let (number, _) = payload.referred()?;
         self.values().get_mut(&me)?.as_mut()?.remove(&number)
     }
 
@@ -100,7 +100,7 @@ mod tests {
         let [a, b] = [FederateId(0), FederateId(1)];
         let value = Arc::new("value");
         let (first, second) =
-            (exchange.put(b, Arc::clone(&value)), exchange.put(b, Arc::new("next")));
+            (exchange.put(b, (Arc::clone(&value), 0)), exchange.put(b, (Arc::new("next"), 0)));
         assert_eq!(exchange.take(b, &second).as_deref(), Some(&"next"));
         assert!(exchange.take(a, &first).is_none(), "it is for another federate");
         assert!(Arc::ptr_eq(&exchange.take(b, &first).unwrap(), &value));
@@ -111,9 +111,9 @@ mod tests {
     fn nothing_is_kept_for_a_federate_that_has_left() {
         let exchange = ValueExchange::new();
         let (me, value) = (FederateId(3), Arc::new(()));
-        exchange.put(me, Arc::clone(&value));
+        exchange.put(me, (Arc::clone(&value), 0));
         exchange.clear(me);
-        let late = exchange.put(me, Arc::clone(&value));
+        let late = exchange.put(me, (Arc::clone(&value), 0));
         assert_eq!(Arc::strong_count(&value), 1);
         assert!(exchange.take(me, &late).is_none());
     }

@@ -71,6 +71,7 @@ impl Membership {
         network: Network,
     ) -> Result<Self, Failure> {
         let process = random_bytes()?;
+        let in_process = matches!(network, Network::Process(_));
         let mut links = FederateLinks::connect(options, network)?;
         links.listen_for_watchers(options, options.store.capacity_bytes);
         let machine = Federate::new(
@@ -86,6 +87,7 @@ impl Membership {
             true => machine.with_explanation(relay::TOLD),
             false => machine,
         };
+        let machine = if in_process { machine.with_references() } else { machine };
         let notified = inbox.clone();
         let wake = Box::new(move || notified.notify());
         let objects = Objects::new(Store::with_wake(options.federate, options.store, wake));
