@@ -234,7 +234,10 @@ impl<'py> Copying<'py> {
         if frozen.is_none() {
             return Err(Stop::NeedsEncoding);
         }
-        self.bytes += frozen.getattr(intern!(self.py, "nbytes"))?.extract::<u64>()?;
+        // Of an array; what else cannot be changed is small.
+        if let Some(bytes) = frozen.getattr_opt(intern!(self.py, "nbytes"))? {
+            self.bytes += bytes.extract::<u64>().unwrap_or(0);
+        }
         // An array, of which each receiver gets its own view.
         self.containers += u32::from(!frozen.is(value));
         Ok(frozen)
