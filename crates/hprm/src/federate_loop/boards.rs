@@ -197,12 +197,12 @@ impl<H: Host> FederateLoop<'_, H>
 where
     H::Value: Send + Sync,
 {
-    /// Reads what other federates show, unless this one goes on without that: often its messages tell that the next tag
-    /// may begin. Memory that a receiver leaves alone stays in the cache of the processor that posts.
+    /// Reads what other federates show, unless this one has no use for it: its next tag is not due, or its messages tell that
+    /// that may begin. Memory that a receiver leaves alone stays in the cache of the processor that posts.
     pub(super) fn read_boards_if_needed(&mut self) -> Result<(), Failure> {
         let Some(boards) = self.federation.links.boards() else { return Ok(()) };
         let is_new = (0..UNREAD).contains(&self.now.since(boards.read_at));
-        if is_new && self.goes_on() {
+        if is_new && !self.has_use_for_boards() {
             return Ok(());
         }
         if let Some(boards) = self.federation.links.boards() {
@@ -211,13 +211,13 @@ where
         self.read_boards().map(drop)
     }
 
-    /// Whether the next tag may begin at once, as far as this federate knows.
-    fn goes_on(&self) -> bool {
-        let tag = self.scheduler.next_tag();
-        self.phase == Phase::Running
-            && tag < Tag::FOREVER
-            && self.due(tag) <= self.now
-            && self.federation.machine.permission(tag, self.now) == Permission::Granted
+    /// Whether what others show may let this federate go on at once, or answer the RTI.
+    fn has_use_for_boards(&self) -> bool {
+        let (tag, machine) = (self.scheduler.next_tag(), &self.federation.machine);
+        let is_due = || tag < Tag::FOREVER && self.due(tag) <= self.now;
+        self.phase != Phase::Running
+            || machine.heeds_boards()
+            || is_due() && machine.permission(tag, self.now) != Permission::Granted
     }
 
     /// Reads what other federates show. Returns whether anything was new.
