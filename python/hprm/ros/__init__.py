@@ -140,7 +140,8 @@ def _executing(node: Node, executor: Executor | None) -> Iterator[Executor]:
 def spin(node: Node, executor: Executor | None = None) -> None:
     """Run the callbacks of a node until the context is shut down."""
     with _executing(node, executor) as chosen:
-        while chosen.context.ok():
+        context = chosen.context
+        while context.ok():
             chosen.spin_once()
 
 

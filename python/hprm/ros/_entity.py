@@ -41,6 +41,8 @@ class Entity(Destroyable):
 
     #: In which order the kinds of entities of a node are looked at.
     order = 0
+    #: Whether its callback is known to be no coroutine, so that it is called as it is.
+    is_plain = False
 
     def __init__(self, node: Node, callback_group: CallbackGroup) -> None:
         """Make an entity of a node."""

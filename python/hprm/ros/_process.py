@@ -18,36 +18,37 @@ from hprm.ros._runtime import Runtime
 from hprm.ros.exceptions import RCLError
 
 _lock = threading.Lock()
-_runtime: Runtime | None = None
+#: The runtime of this process, once there is one.
+current: Runtime | None = None
 _on_stop: list[Callable[[], object]] = []
 
 
 def runtime() -> Runtime:
     """Return the runtime of this process; the first call makes it."""
-    global _runtime
-    made = _runtime
+    global current
+    made = current
     if made is not None:
         return made
     with _lock:
-        if _runtime is None:
-            _runtime = _made(_meeting.of_this_process())
-        return _runtime
+        if current is None:
+            current = _made(_meeting.of_this_process())
+        return current
 
 
 def running() -> Runtime | None:
     """Return the runtime of this process, if it has one."""
-    return _runtime
+    return current
 
 
 def note_stop(by_signal: bool = False) -> None:
     """Note that the script is asked for its end by this thread, or by a signal."""
-    if _runtime is not None:
-        _runtime.note_stop(by_signal)
+    if current is not None:
+        current.note_stop(by_signal)
 
 
 def is_stranded() -> bool:
     """Return whether the federation of this process has ended because of another process."""
-    return _runtime is not None and _runtime.is_stranded
+    return current is not None and current.is_stranded
 
 
 def begin_again() -> None:
@@ -59,18 +60,18 @@ def begin_again() -> None:
         If it was one of several in its federation, and has left it.
 
     """
-    global _runtime
+    global current
     with _lock:
-        if _runtime is None or not _runtime.has_left:
+        if current is None or not current.has_left:
             return
-        meeting = _runtime.meeting.again()
+        meeting = current.meeting.again()
         if meeting is None:
             raise RCLError(
                 "failed to initialize: this script has left its federation, at the shutdown of its"
                 " last context, and cannot come back\n"
                 "  hint: shut down once, at the end; a script that runs alone may begin again"
             )
-        _runtime = _made(meeting)
+        current = _made(meeting)
 
 
 def _made(meeting: _meeting.Meeting) -> Runtime:
@@ -145,7 +146,7 @@ def _ended(runtime: Runtime, code: int) -> None:
     if runtime.is_stranded:
         # Before anything that follows from it.
         runtime.meeting.strand()
-    if runtime is _runtime:
+    if runtime is current:
         _call_all()
     if code:
         for failure in runtime.failures:

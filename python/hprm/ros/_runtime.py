@@ -11,8 +11,6 @@ This knows no nodes and no callbacks, but functions that take messages.
 
 from __future__ import annotations
 
-import heapq
-import itertools
 import os
 import sys
 import threading
@@ -20,9 +18,11 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import asdict
+from threading import get_ident
 from typing import Any
 
 from hprm import _hprm
+from hprm.ros._alarms import Alarm, Alarms
 from hprm.ros._federation import Process
 from hprm.ros._graph import Endpoint, Flow
 from hprm.ros._keeping import PATIENCE_NS, Keeping, Kept, LateTaker, durable_scripts, is_durable
@@ -50,21 +50,6 @@ START_TIME = "HPRM_ROS_START_TIME"
 Deliver = Callable[[Any], None]
 
 
-class Alarm:
-    """Something that happens at a logical time."""
-
-    __slots__ = ("action", "is_on")
-
-    def __init__(self, action: Callable[[], None]) -> None:
-        """Call ``action`` when it is due, unless it is cancelled before."""
-        self.action = action
-        self.is_on = True
-
-    def cancel(self) -> None:
-        """Do nothing when it is due."""
-        self.is_on = False
-
-
 class Runtime:
     """The federate of this process, from its declaration to its end."""
 
@@ -84,14 +69,17 @@ class Runtime:
         self._ended = threading.Event()
         self._requests: deque[Callable[[], None]] = deque()
         self._asked = False
-        self._alarms: list[tuple[int, int, Alarm]] = []
-        self._count = itertools.count()
-        self._scheduled: set[int] = set()
+        self._alarms = Alarms()
         self._starter: threading.Timer | None = None
         self._outgoing: dict[Flow, list[Any]] = {}
         self._begun_at: Any = None
         self._first: dict[Flow | None, list[Any]] = {}
         self._to_itself: list[tuple[Flow, Any]] = []
+        #: What the federate says of its tags, and its actions, and port from the hub if it has one.
+        self._api: Any = None
+        self._ports: tuple[Any, Any, Any, Any] = (None,) * 4
+        #: The time of the tag; and the last tag of a reaction, only if fast.
+        self._time = 0
         self._tag: Any = None
         self._has_begun = False
         self._waits_to_begin = False
@@ -175,7 +163,7 @@ class Runtime:
         if self._holds():
             tell()
             # What looks at the graph has done so at this tag, perhaps, so it does again.
-            self._set(0, Alarm(lambda: None))
+            self._alarms.set(self._time, Alarm(lambda: None))
         else:
             self.request(tell)
 
@@ -234,8 +222,10 @@ class Runtime:
 
     def now(self) -> int:
         """The time of the tag that this thread holds, or that of the clock, in nanoseconds."""
-        if self._holds() or (self._pace is not None and self._has_begun):
-            return int(self._tag.time) - self._shift_ns
+        ident = get_ident()
+        held = ident in self.turns.holders or ident == self._loop_ident
+        if held or (self._pace is not None and self._has_begun):
+            return self._time - self._shift_ns
         if self._start_ns is not None and not self._has_begun:
             return self._start_ns
         return time.time_ns() - self._shift_ns
@@ -281,13 +271,16 @@ class Runtime:
         if not self._holds():
             self._poke()
 
-    def call_at(self, delay_ns: int, action: Callable[[], None]) -> Alarm:
-        """Call ``action`` in a reaction that much later than the tag of this thread."""
-        alarm = Alarm(action)
+    def call_at(self, delay_ns: int, action: Callable[[], object], period_ns: int = 0) -> Alarm:
+        """Call ``action`` in a reaction that much later than the tag of this thread.
+
+        If it returns true, it is called again after the period, if there is one.
+        """
+        alarm = Alarm(action, period_ns)
         if self._holds():
-            self._set(delay_ns, alarm)
+            self._alarms.set(self._time + delay_ns, alarm)
         else:
-            self.request(lambda: self._set(delay_ns, alarm))
+            self.request(lambda: self._alarms.set(self._time + delay_ns, alarm))
         return alarm
 
     def block(
@@ -304,9 +297,13 @@ class Runtime:
         self, condition: Callable[[], bool], timeout_ns: int | None = None, *, sleeps: bool = False
     ) -> None:
         """Do the same for a caller that finds out itself why it goes on."""
-        self.start()
+        if self._loop is None:
+            self.start()
         if timeout_ns is None:
-            self._block(condition, sleeps)
+            # The end of the federate is the end of all turns.
+            self.turns.block(condition, self._poke, sleeps=sleeps)
+            # What the thread makes for its messages need not be copied when it publishes them.
+            _hprm.use_store()
             return
         is_over = False
 
@@ -320,15 +317,9 @@ class Runtime:
         else:
             # By the clock: a loop that polls would otherwise stop logical time.
             self.request(end)
-        self._block(lambda: is_over or condition(), sleeps)
+        self.wait(lambda: is_over or condition(), sleeps=sleeps)
         if alarm is not None:
             alarm.cancel()
-
-    def _block(self, condition: Callable[[], bool], sleeps: bool) -> None:
-        # The end of the federate is the end of all turns.
-        self.turns.block(condition, self._poke, sleeps=sleeps)
-        # What the thread makes for its messages need not be copied when it publishes them.
-        _hprm.use_store()
 
     def wait_for_service(self, client: Endpoint, timeout_ns: int | None) -> bool:
         """Wait until a process serves a client, or for so long; return whether one does."""
@@ -430,7 +421,8 @@ class Runtime:
         self._leaves = True
 
     def _holds(self) -> bool:
-        return threading.get_ident() == self._loop_ident or self.turns.holds()
+        ident = get_ident()
+        return ident in self.turns.holders or ident == self._loop_ident
 
     def _poke(self) -> None:
         """Have a reaction run soon."""
@@ -490,14 +482,15 @@ class Runtime:
 
     def begin(self) -> None:
         """Do what was asked for before the start."""
+        self._find_parts()
+        self._begun_at = self._api.tag()
         self._see_tag()
-        self._begun_at = self._tag
         # What a thread of a script raises is told, and ends nothing else, as with rclpy.
         threading.excepthook = self._thread_hook
         with self._lock:
             self._has_begun = True
         if self._start_ns is not None:
-            self._shift_ns = int(self._tag.time) - self._start_ns
+            self._shift_ns = self._time - self._start_ns
         process, membership = self._process, self._membership
         assert process is not None and membership is not None
         if self._pace is not None:
@@ -529,18 +522,19 @@ class Runtime:
         if self._waits_to_begin:
             self._take_early(process, membership)
             return
-        if process.local.is_present:  # type: ignore[attr-defined]
+        local, wake, outside, from_hub = self._ports
+        if self._to_itself and local.is_present:
             # First: what follows at this tag may send more, which is for the next one.
             arrived, self._to_itself = self._to_itself, []
             for flow, message in arrived:
                 self._deliver(flow, message)
         for name, flow in membership.inputs:
             self._take(process, name, flow)
-        if self._has_hub and process.from_hub.is_present:  # type: ignore[attr-defined]
-            self._take_news(process.from_hub.value)  # type: ignore[attr-defined]
-        if process.wake.is_present:  # type: ignore[attr-defined]
-            self._do_alarms()
-        if process.outside.is_present:  # type: ignore[attr-defined]
+        if from_hub is not None and from_hub.is_present:
+            self._take_news(from_hub.value)
+        if wake.is_present:
+            self._alarms.happen(self._time)
+        if (self._asked or self._pace is not None) and outside.is_present:
             self._look()
             self._do_requests()
         self._finish()
@@ -590,10 +584,17 @@ class Runtime:
         if self._pace is not None:
             self._pace.looks()
 
+    def _find_parts(self) -> None:
+        """Find what each reaction needs, once: a process that does nothing has reactions, too."""
+        process: Any = self._process
+        self._api = process._hprm_api_
+        from_hub = process.from_hub if self._has_hub else None
+        self._ports = process.local, process.wake, process.outside, from_hub
+
     def _see_tag(self) -> None:
-        process = self._process
-        assert process is not None
-        self._tag = process.tag()
+        self._time = self._api.logical()
+        if self._pace is not None:
+            self._tag = self._api.tag()
 
     def _take_news(self, news: list[Any]) -> None:
         """Note what others have made, and deliver what has come over the hub."""
@@ -630,14 +631,6 @@ class Runtime:
         for flow, taker in self.keeping.first:
             if endpoint.sends == flow and is_durable(endpoint):
                 self._ask_for_kept(flow, taker, {}, others)
-
-    def _do_alarms(self) -> None:
-        now = int(self._tag.time)
-        self._scheduled.discard(now)
-        while self._alarms and self._alarms[0][0] <= now:
-            _, _, alarm = heapq.heappop(self._alarms)
-            if alarm.is_on:
-                alarm.action()
 
     def _do_requests(self) -> None:
         while self._requests:
@@ -731,16 +724,12 @@ class Runtime:
         assert membership is not None
         return set(self.keeping.taken(flow, membership))
 
-    def _set(self, delay_ns: int, alarm: Alarm) -> None:
-        due_ns = int(self._tag.time) + delay_ns
-        heapq.heappush(self._alarms, (due_ns, next(self._count), alarm))
-
     def _with_first(self, flow: Flow | None, messages: list[Any]) -> list[Any]:
         """Return what a port gets: at the first tag two reactions run, and the later adds to it.
 
         Nothing else may keep the list: then an array that only a message has is not copied.
         """
-        if self._tag != self._begun_at:
+        if self._api.tag() != self._begun_at:
             self._first.clear()
             return messages
         first = self._first.setdefault(flow, [])
@@ -764,21 +753,20 @@ class Runtime:
         """Let threads run for which there is something; then send what they have published."""
         process = self._process
         assert process is not None
+        local, wake, outside, _ = self._ports
         if self._graph_is_new:
             self._graph_is_new = False
             for look in list(self._lookers):
                 look()
         self.turns.settle()
-        self._send_outgoing()
+        if self._outgoing or self._news:
+            self._send_outgoing()
         if self._to_itself:
-            process.local.schedule(0)  # type: ignore[attr-defined]
-        while self._alarms and not self._alarms[0][2].is_on:
-            heapq.heappop(self._alarms)
-        if self._alarms and self._alarms[0][0] not in self._scheduled:
-            due = self._alarms[0][0]
-            self._scheduled.add(due)
-            process.wake.schedule(max(due - int(self._tag.time), 0))  # type: ignore[attr-defined]
+            local.schedule(0)
+        due = self._alarms.next()
+        if due is not None:
+            wake.schedule(max(due - self._time, 0))
         if self._leaves:
             process.leave()
-        elif self._pace is not None and self._pace.end_tag(int(self._tag.time)):
-            process.outside.schedule(STEP_NS)  # type: ignore[attr-defined]
+        elif self._pace is not None and self._pace.end_tag(self._time):
+            outside.schedule(STEP_NS)

@@ -17,10 +17,14 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
+from threading import get_ident
 
 from hprm._hprm import Turn
 
 Condition = Callable[[], bool]
+
+#: After how many seconds it is found out whether a thread that holds a tag has ended.
+LOOKS_FOR_ENDED_S = 0.05
 
 #: With what the paths of code begin that is not of scripts.
 NOT_OF_SCRIPTS = (
@@ -83,18 +87,15 @@ class Turns:
         self._waiters: list[Waiter] = []
         #: Whose condition was false when nothing but that thread could have made it true.
         self._looked: Waiter | None = None
-        self._holders: set[int] = set()
+        #: The numbers of the threads that hold the tag, and of what is put by; changed here only.
+        self.holders: set[int] = set()
         #: The last number by which a tag was put by; those of threads are positive.
         self._put_by = 0
         self._is_over = False
 
     def holds(self) -> bool:
         """Return whether this thread holds the tag of a reaction that waits for it."""
-        return threading.get_ident() in self._holders
-
-    def is_free(self) -> bool:
-        """Return whether no other thread holds the tag."""
-        return self._holders <= {threading.get_ident()}
+        return get_ident() in self.holders
 
     def block(
         self, condition: Condition, poke: Callable[[], None], *, sleeps: bool = False
@@ -104,20 +105,23 @@ class Turns:
         ``poke`` has the federate look at the conditions, for a thread that holds no tag: what it
         waits for may be there already.
         """
-        ident = threading.get_ident()
+        ident = get_ident()
         waiter: Waiter | None = None
         try:
             with self._lock:
                 if self._is_over:
                     return
-                held = ident in self._holders
+                held = ident in self.holders
                 if held and condition():
                     return
                 waiter = Waiter(ident, condition, sleeps)
                 self._waiters.append(waiter)
-                is_settled = self._release(ident)
-                if is_settled:
-                    self._looked = waiter
+                is_settled = False
+                if held:
+                    self.holders.remove(ident)
+                    if self._is_settling and not self.holders:
+                        self._is_settling, is_settled = False, True
+                        self._looked = waiter
             if not held:
                 poke()
             waiter.wakes.take(giving=self._settled if is_settled else None)
@@ -133,14 +137,28 @@ class Turns:
 
         The federate calls it in a reaction, which ends when no thread holds its tag.
         """
+        # Each time that anything happens, so this calls no more functions than it has to.
         with self._lock:
-            if self._holders:
+            if self.holders:
                 self._wait()
-            while (waiter := self._next()) is not None:
-                self._waiters.remove(waiter)
-                self._holders.add(waiter.ident)
-                self._looked = None
-                self._wait(waiter.wakes)
+            waiters = self._waiters
+            while not self._is_over:
+                looked = self._looked
+                for waiter in waiters:
+                    if waiter is not looked and waiter.condition():
+                        break
+                else:
+                    break
+                waiters.remove(waiter)
+                self.holders.add(waiter.ident)
+                self._looked, self._is_settling = None, True
+                self._lock.release()
+                try:
+                    self._settled.take(LOOKS_FOR_ENDED_S, waiter.wakes)
+                finally:
+                    self._lock.acquire()
+                if self.holders:
+                    self._wait()
             self._looked = None
 
     def blocked(self) -> list[int]:
@@ -151,25 +169,25 @@ class Turns:
     def take(self, ident: int) -> None:
         """Let a thread hold the tag that this one holds: it has been given something to run."""
         with self._lock:
-            self._holders.add(ident)
+            self.holders.add(ident)
 
     def put_by(self) -> int:
         """Hold the tag for whichever thread adopts the number that is returned."""
         with self._lock:
             self._put_by -= 1
-            self._holders.add(self._put_by)
+            self.holders.add(self._put_by)
             return self._put_by
 
     def adopt(self, number: int) -> bool:
         """Let this thread hold the tag that was put by; return whether it held none before."""
         ident = threading.get_ident()
         with self._lock:
-            if number not in self._holders:
+            if number not in self.holders:
                 # It is lost, or all turns have ended.
                 return False
-            is_new = ident not in self._holders
-            self._holders.add(ident)
-            self._holders.discard(number)
+            is_new = ident not in self.holders
+            self.holders.add(ident)
+            self.holders.discard(number)
             return is_new
 
     def let_go(self, ident: int) -> None:
@@ -178,7 +196,7 @@ class Turns:
             waiter = next((it for it in self._waiters if it.ident == ident), None)
             if waiter is not None and waiter.condition():
                 self._waiters.remove(waiter)
-                self._holders.add(ident)
+                self.holders.add(ident)
                 waiter.wakes.give()
 
     def leave(self) -> None:
@@ -192,53 +210,43 @@ class Turns:
         """Wake all threads: there are no more turns."""
         with self._lock:
             self._is_over = True
-            self._holders.clear()
+            self.holders.clear()
             for waiter in self._waiters:
                 waiter.wakes.give()
             self._waiters.clear()
             self._settled.give()
 
-    def _next(self) -> Waiter | None:
-        """Find a thread for which there is something."""
-        if self._is_over:
-            return None
-        for waiter in self._waiters:
-            if waiter is not self._looked and waiter.condition():
-                return waiter
-        return None
-
     def _release(self, ident: int) -> bool:
         """Have a thread hold no tag; return whether the federate is to be told, which waits."""
-        if ident not in self._holders:
+        if ident not in self.holders:
             return False
-        self._holders.remove(ident)
-        if self._holders or not self._is_settling:
+        self.holders.remove(ident)
+        if self.holders or not self._is_settling:
             return False
         self._is_settling = False
         return True
 
-    def _wait(self, wakes: Turn | None = None) -> None:
-        """Wake a thread, and wait until none holds the tag, without the lock meanwhile."""
+    def _wait(self) -> None:
+        """Wait until no thread holds the tag, without the lock meanwhile."""
         since = time.monotonic()
-        while self._holders and not self._is_over:
+        while self.holders and not self._is_over:
             self._is_settling = True
             self._lock.release()
             try:
                 # It may be given for an earlier wait that did not last: the holders count.
-                is_told = self._settled.take(0.05, wakes)
+                is_told = self._settled.take(LOOKS_FOR_ENDED_S)
             finally:
                 self._lock.acquire()
-            wakes = None
             if is_told:
                 continue
             self._is_settling = False
             # A thread that has ended does not tell it.
             running = _running()
-            self._holders = {it for it in self._holders if it < 0 or it in running}
+            self.holders = {it for it in self.holders if it < 0 or it in running}
             sleeps = any(it.sleeps for it in self._waiters)
             patience = self._with_sleepers if sleeps else self._patience
             if time.monotonic() > since + patience:
-                lost, self._holders = self._holders, set()
+                lost, self.holders = self.holders, set()
                 for ident in lost:
                     self._on_lost(ident, patience)
 

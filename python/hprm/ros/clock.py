@@ -44,6 +44,9 @@ class Clock:
         if not isinstance(clock_type, ClockType):
             raise TypeError("Clock type must be a ClockType enum")
         self._clock_type = clock_type
+        self._is_steady = clock_type == ClockType.STEADY_TIME
+        #: Only a ROS clock's time is set: by a time source, while it is active.
+        self._is_active, self._set_to = False, 0
         self._jump_handles: list[JumpHandle] = []
         #: How many threads sleep by it.
         self._sleepers = 0
@@ -60,15 +63,17 @@ class Clock:
     @property
     def is_set(self) -> bool:
         """Whether something sets its time, so that it does not pass by itself."""
-        return False
+        return self._is_active
 
     def now(self) -> Time:
         """Return the time."""
         return Time(nanoseconds=self._now(), clock_type=self._clock_type)
 
     def _now(self) -> int:
-        runtime = _process.runtime()
-        if self._clock_type == ClockType.STEADY_TIME and not runtime.is_fast:
+        if self._is_active:
+            return self._set_to
+        runtime = _process.current or _process.runtime()
+        if self._is_steady and not runtime.is_fast:
             return machine.monotonic_ns()
         return runtime.now()
 
@@ -143,19 +148,12 @@ class ROSClock(Clock):
     def __init__(self, *, clock_type: ClockType = ClockType.ROS_TIME) -> None:
         """Make a clock whose time is not active."""
         super().__init__(clock_type=clock_type)
-        self._is_active = False
-        self._set_to = 0
         #: What is called with each jump, and the time before it.
         self._followers: list[Callable[[TimeJump, int], None]] = []
 
     @property
     def ros_time_is_active(self) -> bool:
         """Whether the time is what a time source has set."""
-        return self._is_active
-
-    @property
-    def is_set(self) -> bool:
-        """Whether something sets its time."""
         return self._is_active
 
     def set_ros_time_override(self, time: Time) -> None:
@@ -189,9 +187,6 @@ class ROSClock(Clock):
             handle.after(jump)
         if self._sleepers:
             _process.runtime().wake()
-
-    def _now(self) -> int:
-        return self._set_to if self._is_active else super()._now()
 
     def _follow(self, follower: Callable[[TimeJump, int], None]) -> None:
         """Have a function called with each jump, before the callbacks of the program."""

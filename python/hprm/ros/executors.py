@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from inspect import iscoroutinefunction
+from threading import get_ident
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
     from hprm.ros._entity import Entity
     from hprm.ros.context import Context
     from hprm.ros.node import Node
+
+
+#: What ends a wait before there is something to do.
+IsOver = Callable[[], bool]
 
 
 class TimeoutException(Exception):
@@ -39,8 +44,34 @@ class ConditionReachedException(Exception):
     """What was waited for has happened."""
 
 
-def _never() -> bool:
-    return False
+class Search:
+    """What an executor waits for: something to do."""
+
+    __slots__ = ("executor", "found", "is_over", "nodes", "turns")
+
+    def __init__(
+        self, executor: Executor, is_over: IsOver | None = None, nodes: list[Node] | None = None
+    ) -> None:
+        """Look for something of some of the nodes, or of all, until that is over."""
+        self.executor = executor
+        self.is_over = is_over
+        self.nodes = nodes
+        self.turns = executor._runtime.turns
+        self.found: Task[Any] | Entity | None = None
+
+    def look(self) -> bool:
+        """Return whether there is something to do, or the wait is over."""
+        self.found = None
+        executor = self.executor
+        if executor._is_shutdown or not executor._context._is_ok:
+            return True
+        if self.is_over is not None and self.is_over():
+            return True
+        # One callback at a time: one that blocks holds no tag.
+        holders = self.turns.holders
+        if not holders or (len(holders) == 1 and get_ident() in holders):
+            self.found = executor._first(self.nodes)
+        return self.found is not None
 
 
 class Executor:
@@ -51,12 +82,17 @@ class Executor:
         from hprm.ros.utilities import get_default_context
 
         self._context = get_default_context() if context is None else context
-        self._nodes: list[Node] = []
+        #: Another tuple when there are others: threads that look through it need no lock.
+        self._nodes: tuple[Node, ...] = ()
         self._tasks: list[Task[Any]] = []
         self._lock = threading.RLock()
         self._is_shutdown = False
         self._spinning: int | None = None
+        #: Has one element unless a thread spins: quicker than a lock, at each callback.
+        self._may_spin = [True]
         self._runtime = _process.runtime()
+        #: That of the thread that spins: one for all times, as it begins anew at each callback.
+        self._search = Search(self)
         self._context.on_shutdown(self.wake)
 
     @property
@@ -89,7 +125,7 @@ class Executor:
             if node in self._nodes:
                 return False
             # Before the node learns of it, which would add itself otherwise.
-            self._nodes.append(node)
+            self._nodes = (*self._nodes, node)
             node.executor = self
         self.wake()
         return True
@@ -98,7 +134,7 @@ class Executor:
         """Run the callbacks of a node no more."""
         with self._lock:
             if node in self._nodes:
-                self._nodes.remove(node)
+                self._nodes = tuple(it for it in self._nodes if it is not node)
 
     def get_nodes(self) -> list[Node]:
         """Return the nodes."""
@@ -144,7 +180,7 @@ class Executor:
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Wait for one callback, no longer than the timeout, and run it."""
-        self._spin_once(timeout_sec, _never)
+        self._spin_once(timeout_sec, None)
 
     def spin_until_future_complete(
         self, future: Future[Any], timeout_sec: float | None = None
@@ -170,16 +206,22 @@ class Executor:
         if not future.done():
             self._spin_once(timeout_sec, future.done)
 
-    def _spin_once(self, timeout_sec: float | None, is_over: Callable[[], bool]) -> None:
-        ident = threading.get_ident()
-        with self._lock:
-            if self._spinning is not None:
-                raise RuntimeError("Executor is already spinning")
-            self._spinning = ident
+    def _spin_once(self, timeout_sec: float | None, is_over: IsOver | None) -> None:
         try:
-            self._wait_and_run(timeout_sec, is_over)
+            self._may_spin.pop()
+        except IndexError:
+            raise RuntimeError("Executor is already spinning") from None
+        self._spinning = get_ident()
+        try:
+            self._search.is_over = is_over
+            found = self._wait(timeout_sec, self._search)
+            if isinstance(found, Task):
+                self._run(*self._taken(found))
+            elif found is not None:
+                self._call(found)
         finally:
-            self._spinning = None
+            self._search.is_over = self._spinning = None
+            self._may_spin.append(True)
 
     def _runs_callbacks_in_this_thread(self) -> bool:
         """Whether this thread runs a callback, and takes what is for others only after it."""
@@ -189,7 +231,7 @@ class Executor:
         self,
         timeout_sec: float | None = None,
         nodes: list[Node] | None = None,
-        condition: Callable[[], bool] = _never,
+        condition: IsOver | None = None,
     ) -> tuple[Task[Any], Entity | None, Node | None]:
         """Wait for a callback; return a task that runs it in any thread, and whose it is.
 
@@ -205,11 +247,12 @@ class Executor:
             If ``condition`` is true.
 
         """
-        found = self._wait(timeout_sec, condition, nodes)
+        found = self._wait(timeout_sec, Search(self, condition, nodes))
         if self._is_shutdown:
             raise ShutdownException
         if found is None:
-            raise ConditionReachedException if condition() else TimeoutException
+            is_reached = condition is not None and condition()
+            raise ConditionReachedException if is_reached else TimeoutException
         task, entity = self._taken(found)
         return self._handed(task, entity), entity, None if entity is None else entity._node
 
@@ -232,20 +275,13 @@ class Executor:
 
         return Task(run, executor=self)
 
-    def _wait_and_run(self, timeout_sec: float | None, is_over: Callable[[], bool]) -> None:
-        found = self._wait(timeout_sec, is_over)
-        if isinstance(found, Task):
-            self._run(*self._taken(found))
-        elif found is not None:
-            self._call(found)
-
     def _call(self, entity: Entity) -> None:
         """Run the callback of an entity in this thread; what it raises, this raises."""
         # Few callbacks are coroutines, which need a task.
         group = entity.callback_group
         group.beginning_execution(entity)
         callback = entity.take()
-        if iscoroutinefunction(callback):
+        if not entity.is_plain and iscoroutinefunction(callback):
             self._run(Task(callback, executor=self), entity)
             return
         try:
@@ -253,54 +289,47 @@ class Executor:
         finally:
             group.ending_execution(entity)
 
-    def _wait(
-        self,
-        timeout_sec: float | None,
-        is_over: Callable[[], bool],
-        nodes: list[Node] | None = None,
-    ) -> Task[Any] | Entity | None:
+    def _wait(self, timeout_sec: float | None, search: Search) -> Task[Any] | Entity | None:
         """Wait for the next thing to do; none if there is an end of the wait before."""
-        found: Task[Any] | Entity | None = None
-
-        def has_something() -> bool:
-            nonlocal found
-            ended = self._is_shutdown or not self._context.ok() or is_over()
-            # One callback at a time: one that blocks holds no tag.
-            is_busy = ended or not self._runtime.turns.is_free()
-            found = None if is_busy else self._first(nodes)
-            return ended or found is not None
-
-        negative = timeout_sec is None or timeout_sec < 0
-        timeout_ns = None if negative else round((timeout_sec or 0) * 1e9)
-        self._runtime.wait(has_something, timeout_ns)
+        if timeout_sec is None or timeout_sec < 0:
+            self._runtime.wait(search.look)
+        else:
+            self._runtime.wait(search.look, round(timeout_sec * 1e9))
         if self._is_shutdown:
             return None
-        if not self._context.ok():
+        if not self._context._is_ok:
             raise ExternalShutdownException
-        if found is None or not self._is_there(found):
-            found = self._first(nodes)
-        return found
-
-    def _is_there(self, found: Task[Any] | Entity) -> bool:
-        """Return whether nothing else has taken what was found."""
+        # Nothing here keeps it for longer than the program does.
+        found, search.found = search.found, None
+        # Something else may have taken it meanwhile.
         if isinstance(found, Task):
-            return found.is_ready
-        return found.has_work() and found.callback_group.can_execute(found)
+            if found.is_ready:
+                return found
+        elif found is not None and found.has_work() and found.callback_group.can_execute(found):
+            return found
+        return self._first(search.nodes)
 
     def _first(self, nodes: list[Node] | None = None) -> Task[Any] | Entity | None:
         """Find the first thing to do, for some of the nodes."""
+        # Each callback is looked for here, so this calls no more functions than it has to.
+        if self._tasks:
+            task = self._first_task()
+            if task is not None:
+                return task
+        for node in self._nodes:
+            if nodes is None or node in nodes:
+                for entity in node._entities:
+                    if entity.has_work() and entity.callback_group.can_execute(entity):
+                        return entity
+        return None
+
+    def _first_task(self) -> Task[Any] | None:
+        """Find the first task to run, and forget those that are done."""
         for task in list(self._tasks):
             if task.done():
                 self._tasks.remove(task)
             elif task.is_ready:
                 return task
-        for node in list(self._nodes):
-            if nodes is not None and node not in nodes:
-                continue
-            # Each callback is looked for here, so this calls no more functions than it has to.
-            for entity in node._entities_in_order():
-                if entity.has_work() and entity.callback_group.can_execute(entity):
-                    return entity
         return None
 
     def _taken(self, found: Task[Any] | Entity) -> tuple[Task[Any], Entity | None]:
@@ -353,10 +382,12 @@ class MultiThreadedExecutor(Executor):
             return None
         return super()._first(nodes)
 
-    def _wait_and_run(self, timeout_sec: float | None, is_over: Callable[[], bool]) -> None:
+    def _spin_once(self, timeout_sec: float | None, is_over: IsOver | None) -> None:
         # Here rclpy's executor of several threads ends its spin, rather than raising.
         with suppress(ExternalShutdownException):
-            super()._wait_and_run(timeout_sec, lambda: bool(self._errors) or is_over())
+            super()._spin_once(
+                timeout_sec, lambda: bool(self._errors) or (is_over is not None and is_over())
+            )
         if self._errors:
             raise self._errors.pop(0)
 

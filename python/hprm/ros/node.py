@@ -86,7 +86,8 @@ class Node(Parameters, Others):
         self._name = self._remapping.node_name(node_name)
         self._namespace = self._remapping.namespace(self._name, absolute_namespace(namespace or ""))
         self._publishers: list[Publisher[Any]] = []
-        self._entities: list[Entity] = []
+        #: Timers first, and then as `rclpy` takes them; another tuple when there are others.
+        self._entities: tuple[Entity, ...] = ()
         #: What each publisher, subscription, service and client has declared.
         self._endpoints: dict[Any, Endpoint] = {}
         self._rates: list[Rate] = []
@@ -369,7 +370,7 @@ class Node(Parameters, Others):
             self.destroy_rate(rate)
         for publisher in list(self._publishers):
             self.destroy_publisher(publisher)
-        for entity in list(self._entities):
+        for entity in self._entities:
             self._destroy(entity)
         while self._own_services:
             self._own_services.pop().destroy()
@@ -397,10 +398,6 @@ class Node(Parameters, Others):
     def _tell_changes(self, changes: ParameterChanges) -> None:
         self._parameter_events.tell(changes)
 
-    def _entities_in_order(self) -> list[Entity]:
-        """Timers first, and then as ``rclpy`` takes them."""
-        return list(self._entities)
-
     def _is_spun_by_this_thread(self) -> bool:
         executor = self._executor
         return executor is not None and executor._runs_callbacks_in_this_thread()
@@ -422,17 +419,15 @@ class Node(Parameters, Others):
             raise InvalidHandle("cannot use Destroyable because destruction was requested")
 
     def _add(self, entity: E) -> E:
-        # Timers first, and then as `rclpy` takes them.
-        self._entities.append(entity)
         # Stable: entities of one kind stay in the order in which they were made.
-        self._entities.sort(key=lambda it: it.order)
+        self._entities = tuple(sorted((*self._entities, entity), key=lambda it: it.order))
         self._runtime.wake()
         return entity
 
     def _destroy(self, entity: Entity) -> bool:
         if entity not in self._entities:
             return False
-        self._entities.remove(entity)
+        self._entities = tuple(it for it in self._entities if it is not entity)
         entity.destroy()
         return True
 

@@ -12,8 +12,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from hprm.ros._alarms import Alarm
 from hprm.ros._entity import Entity
-from hprm.ros._runtime import Alarm
 from hprm.ros._time_jumps import ClockChange, TimeJump
 from hprm.ros.callback_groups import CallbackGroup
 from hprm.ros.clock import Clock, ROSClock
@@ -95,6 +95,8 @@ class Timer(Entity):
     @callback.setter
     def callback(self, value: Callable[..., Any] | None) -> None:
         self._callback = value
+        # Here, and not at each call.
+        self.is_plain = not inspect.iscoroutinefunction(value)
         self._info_name = None if value is None else _parameter_of_info(value)
 
     @property
@@ -134,7 +136,9 @@ class Timer(Entity):
 
     def time_until_next_call(self) -> int | None:
         """Return the nanoseconds until the next call; none if it is cancelled."""
-        return None if self._cancelled else self._due - self.clock._now()
+        if self._cancelled:
+            return None
+        return self._due - self.clock._now()
 
     def destroy(self) -> None:
         """Call back no more."""
@@ -151,8 +155,9 @@ class Timer(Entity):
         """Take the call that is due."""
         if self._destroyed:
             raise InvalidHandle("cannot use Destroyable because destruction was requested")
-        was_due, now = self._is_due_since, self.clock._now()
-        self._is_due, self._last = False, now
+        self._last = now = self.clock._now()
+        was_due = self._is_due_since
+        self._is_due = False
         if not self._period:
             self._runtime.request(self._due_again)
         if self._callback is None:
@@ -173,14 +178,16 @@ class Timer(Entity):
         delay = self._period if after_ns is None else after_ns
         self._due = self.clock._now() + delay
         if not self.clock.is_set:
-            self._alarm = self._runtime.call_at(delay, self._elapsed)
+            self._alarm = self._runtime.call_at(delay, self._elapsed, self._period)
 
-    def _elapsed(self) -> None:
+    def _elapsed(self) -> bool:
+        """Be due, and return whether this is to be called after the next period, too."""
         # At its tag, which is later than it was thought to be if the federation had not begun then.
-        self._is_due, self._is_due_since = True, self.clock._now()
+        self._is_due_since = now = self.clock._now()
+        self._is_due = True
         if self._period:
-            # At a tag: no error adds up.
-            self._begin()
+            self._due = now + self._period
+        return True
 
     def _due_again(self) -> None:
         """Be due again, as a timer without a period is after each call."""
