@@ -10,7 +10,7 @@ from heapq import heappop, heappush
 class Alarm:
     """Something that happens at a logical time, or again and again."""
 
-    __slots__ = ("action", "is_on", "period_ns")
+    __slots__ = ("action", "due_ns", "is_on", "period_ns")
 
     def __init__(self, action: Callable[[], object], period_ns: int = 0) -> None:
         """Call ``action`` when it is due, unless it is cancelled before.
@@ -19,6 +19,7 @@ class Alarm:
         """
         self.action = action
         self.period_ns = period_ns
+        self.due_ns = 0
         self.is_on = True
 
     def cancel(self) -> None:
@@ -41,7 +42,13 @@ class Alarms:
 
     def set(self, due_ns: int, alarm: Alarm) -> None:
         """Have an alarm happen at a time."""
+        alarm.due_ns = due_ns
         heappush(self._heap, (due_ns, next(self._count), alarm))
+
+    def set_again(self, now: int, alarm: Alarm) -> None:
+        """Have one with a period happen again after ``now``, not for what was missed."""
+        due_ns, period_ns = alarm.due_ns, alarm.period_ns
+        self.set(due_ns + ((now - due_ns) // period_ns + 1) * period_ns, alarm)
 
     def happen(self, now: int) -> None:
         """Do what is due."""
@@ -51,7 +58,7 @@ class Alarms:
             alarm = heappop(heap)[2]
             if alarm.is_on and alarm.action() and alarm.period_ns:
                 # From its tag on: no error adds up.
-                due_ns = now + alarm.period_ns
+                alarm.due_ns = due_ns = now + alarm.period_ns
                 heappush(heap, (due_ns, next(self._count), alarm))
 
     def next(self) -> int | None:

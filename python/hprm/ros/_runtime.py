@@ -283,6 +283,13 @@ class Runtime:
             self.request(lambda: self._alarms.set(self._time + delay_ns, alarm))
         return alarm
 
+    def call_again(self, alarm: Alarm) -> None:
+        """Have an alarm with a period happen again, which was not to."""
+        if self._holds():
+            self._alarms.set_again(self._time, alarm)
+        else:
+            self.request(lambda: self._alarms.set_again(self._time, alarm))
+
     def block(
         self, condition: Callable[[], bool], timeout_ns: int | None = None, *, sleeps: bool = False
     ) -> bool:

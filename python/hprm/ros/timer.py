@@ -81,6 +81,8 @@ class Timer(Entity):
         self._last = clock._now()
         self._due = self._is_due_since = 0
         self._is_due = False
+        #: Whether its alarm is not set again before the call that is due is taken.
+        self._stands = False
         self._cancelled = not autostart
         if isinstance(clock, ROSClock):
             clock._follow(self._jump)
@@ -138,7 +140,8 @@ class Timer(Entity):
         """Return the nanoseconds until the next call; none if it is cancelled."""
         if self._cancelled:
             return None
-        return self._due - self.clock._now()
+        now = self.clock._now()
+        return self._due_after(now) - now
 
     def destroy(self) -> None:
         """Call back no more."""
@@ -157,6 +160,12 @@ class Timer(Entity):
             raise InvalidHandle("cannot use Destroyable because destruction was requested")
         self._last = now = self.clock._now()
         was_due = self._is_due_since
+        if self._stands:
+            self._due = self._due_after(now)
+            was_due = self._due - self._period
+            self._stands = False
+            if self._alarm is not None:
+                self._runtime.call_again(self._alarm)
         self._is_due = False
         if not self._period:
             self._runtime.request(self._due_again)
@@ -175,6 +184,7 @@ class Timer(Entity):
         """Begin a period, or the rest of one."""
         if self._alarm is not None:
             self._alarm.cancel()
+        self._stands = False
         delay = self._period if after_ns is None else after_ns
         self._due = self.clock._now() + delay
         if not self.clock.is_set:
@@ -184,10 +194,21 @@ class Timer(Entity):
         """Be due, and return whether this is to be called after the next period, too."""
         # At its tag, which is later than it was thought to be if the federation had not begun then.
         self._is_due_since = now = self.clock._now()
-        self._is_due = True
+        was_due, self._is_due = self._is_due, True
         if self._period:
             self._due = now + self._period
+        # Where nothing spins, nothing need happen at each period. Logical time that does not wait
+        # for the clock needs tags, though: threads that have blocked may be noticed only there.
+        if was_due and not self._runtime.is_fast:
+            self._stands = bool(self._period)
+            return False
         return True
+
+    def _due_after(self, now: int) -> int:
+        """Return when it is due after ``now``: periods have passed, perhaps, as a call waits."""
+        if not self._stands or now < self._due:
+            return self._due
+        return self._due + (1 + (now - self._due) // self._period) * self._period
 
     def _due_again(self) -> None:
         """Be due again, as a timer without a period is after each call."""
@@ -201,7 +222,7 @@ class Timer(Entity):
         now = self.clock._now()
         if jump.clock_change is not ClockChange.ROS_TIME_NO_CHANGE:
             # The rest of the period is the same in the new time.
-            self._begin(max(self._due - before_ns, 0))
+            self._begin(max(self._due_after(before_ns) - before_ns, 0))
         elif now < self._last:
             self._last = now
             self._begin()
