@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -350,3 +351,21 @@ def test_a_signal_ends_what_waits_to_come_back(bench: Bench, tmp_path: Path) -> 
     hear(process.stdout, "once\n")
     process.send_signal(signal.SIGINT)
     assert finish(process).code == 130
+
+
+def test_what_a_shell_leaves_running_holds_up_no_end(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "left.launch.xml").write_text(
+        """\
+<launch>
+  <executable cmd="seq 20000; sleep 30 &amp; printf rest" name="left" shell="true"/>
+</launch>
+"""
+    )
+    begun = time.monotonic()
+    outcome = finish(bench.call("launch", "left.launch.xml"))
+    assert time.monotonic() - begun < 25
+    assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.out.splitlines() == [
+        *(f"[left-1] {it}" for it in range(1, 20_001)),
+        "[left-1] rest",
+    ]

@@ -26,7 +26,7 @@ from hprm._declared import Declared
 from hprm.ros._federation import Scripts
 from hprm.ros._functions import Functions
 from hprm.ros._graph import Graph, Script, identifier, mismatches
-from hprm.ros._lines import write_line
+from hprm.ros._lines import lines_of, write_line
 from hprm.ros._meeting import properties, run_member
 from hprm.ros._members import NO_NODES_IF_FAST, Member, Plan
 from hprm.ros._messages import find_beside
@@ -43,7 +43,7 @@ PATIENCE_S = 8.0
 #: After how many seconds scripts are named that the others wait for.
 SLOW_S = 10.0
 
-#: For how many seconds the last lines of a process may come after its end.
+#: For how many seconds the last lines of a process may come after its end, or of the last one.
 LINES_S = 1.0
 
 #: How many nodes that only functions of a launch file know may start once the others run, and what
@@ -127,6 +127,8 @@ class Coordinator:
             for plan in (*following.later, *spares):
                 self._add(plan)
         self._readers: list[threading.Thread] = []
+        #: Closed at the second when readers are to end, although something keeps a pipe open.
+        self._pipe = os.pipe()
         self._functions = Functions() if following is None else following.functions
 
     def _add(self, plan: Plan) -> Member:
@@ -208,9 +210,18 @@ class Coordinator:
             self._send(signal.SIGKILL)
             if self._rti is not None:
                 self._end(self._rti)
-            for reader in self._readers:
-                reader.join()
+            self._end_readers()
         return self._code()
+
+    def _end_readers(self) -> None:
+        """Show what processes have printed last: others that they have started may go on."""
+        until = time.monotonic() + LINES_S
+        for reader in self._readers:
+            reader.join(max(until - time.monotonic(), 0))
+        os.close(self._pipe[1])
+        for reader in self._readers:
+            reader.join()
+        os.close(self._pipe[0])
 
     def _look_at_clock(self) -> None:
         """Do what is due by now."""
@@ -576,7 +587,7 @@ class Coordinator:
 
     def _show(self, member: Member, stream: IO[bytes], out: Any, descriptor: int) -> None:
         """Show what a script prints, with its name before each line."""
-        for line in stream:
+        for line in lines_of(stream.fileno(), self._pipe[0]):
             if self._following is not None and self._following.looks_at_output:
                 self._printed.append((member, line, descriptor))
                 self._wake()
