@@ -138,28 +138,23 @@ class Turns:
         The federate calls it in a reaction, which ends when no thread holds its tag.
         """
         # Each time that anything happens, so this calls no more functions than it has to.
-        with self._lock:
-            if self.holders:
-                self._wait()
-            waiters = self._waiters
-            while not self._is_over:
-                looked = self._looked
-                for waiter in waiters:
-                    if waiter is not looked and waiter.condition():
-                        break
-                else:
-                    break
+        waiters = self._waiters
+        while True:
+            with self._lock:
+                if self.holders:
+                    self._wait()
+                waiter = self._next()
+                if waiter is None:
+                    return
                 waiters.remove(waiter)
                 self.holders.add(waiter.ident)
                 self._looked, self._is_settling = None, True
-                self._lock.release()
-                try:
-                    self._settled.take(LOOKS_FOR_ENDED_S, waiter.wakes)
-                finally:
-                    self._lock.acquire()
-                if self.holders:
-                    self._wait()
-            self._looked = None
+            self._settled.take(LOOKS_FOR_ENDED_S, waiter.wakes)
+            looked = self._looked
+            if looked is not None and waiters == [looked] and not self.holders:
+                # It has found nothing more. A thread that blocks meanwhile has the federate look.
+                self._looked = None
+                return
 
     def blocked(self) -> list[int]:
         """Return the numbers of the threads that are blocked."""
@@ -215,6 +210,15 @@ class Turns:
                 waiter.wakes.give()
             self._waiters.clear()
             self._settled.give()
+
+    def _next(self) -> Waiter | None:
+        """Find a thread for which there is something."""
+        looked, self._looked = self._looked, None
+        if not self._is_over:
+            for waiter in self._waiters:
+                if waiter is not looked and waiter.condition():
+                    return waiter
+        return None
 
     def _release(self, ident: int) -> bool:
         """Have a thread hold no tag; return whether the federate is to be told, which waits."""
