@@ -35,6 +35,12 @@ pub const RING_CAPACITY: usize = 1 << 17;
 /// write lie this far apart.
 const LINE: usize = 16;
 
+/// How many bytes one line of a cache has.
+const LINE_BYTES: usize = 64;
+
+/// How many bytes a reader has the processor fetch before it reads them: those of a small message.
+const FETCHED: u64 = 192;
+
 /// How many bytes are written before the writer looks whether it can begin again at the start of the ring: about a page.
 const SPAN: u64 = 1 << 12;
 
@@ -217,7 +223,8 @@ impl RingReader {
         self.0.ring.load(OPENED).checked_sub(1)
     }
 
-    /// Whether there is nothing to read.
+    /// Whether there is nothing to read. If there is, this side should read it soon.
+    #[inline]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -344,8 +351,27 @@ impl<M: Memory> Reader<M> {
         Self { ring, read: 0, origin: 0, written: 0, looked: 0 }
     }
 
+    #[inline]
     fn is_empty(&self) -> bool {
-        self.ring.load(WRITTEN) == self.read
+        let written = self.ring.load(WRITTEN);
+        if written == self.read {
+            return true;
+        }
+        self.fetch(written.wrapping_sub(self.read));
+        false
+    }
+
+    /// Has the processor fetch the next `count` bytes, or the first of them: the other side has them in its cache, and
+    /// this one has other things to do before it reads them.
+    // Apart, so that a loop that looks again and again has a short way around.
+    #[inline(never)]
+    fn fetch(&self, count: u64) {
+        let begins_again = self.ring.word(ORIGIN).load(Ordering::Relaxed) == self.read;
+        let origin = if begins_again { self.read } else { self.origin };
+        let first = Ring::<M>::position(origin, self.read) / LINE_BYTES;
+        let lines = (count.min(FETCHED) as usize).div_ceil(LINE_BYTES) + 1;
+        let words = self.ring.data().iter().skip(first * LINE_BYTES / WORD);
+        words.step_by(LINE_BYTES / WORD).take(lines).for_each(Word::fetch);
     }
 
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, RingError> {

@@ -5,6 +5,8 @@
 
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
+use crate::shm::fetch;
+
 /// See the module.
 pub(crate) trait Word {
     fn load(&self, order: Ordering) -> u64;
@@ -13,6 +15,9 @@ pub(crate) trait Word {
 
     /// Stores a value in the place of what is there, which it returns.
     fn swap(&self, value: u64, order: Ordering) -> u64;
+
+    /// Has the processor fetch the word: it will soon be loaded.
+    fn fetch(&self) {}
 
     /// Orders what this process does before and after, as [`std::sync::atomic::fence`].
     fn fence(order: Ordering);
@@ -32,6 +37,11 @@ impl Word for AtomicU64 {
     #[inline]
     fn swap(&self, value: u64, order: Ordering) -> u64 {
         self.swap(value, order)
+    }
+
+    #[inline]
+    fn fetch(&self) {
+        fetch(self);
     }
 
     #[inline]

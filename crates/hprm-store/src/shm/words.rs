@@ -92,6 +92,19 @@ impl AsRef<[AtomicU64]> for SharedWords {
     }
 }
 
+/// Has the processor fetch a word into its cache, if it can be told to.
+#[inline]
+pub(crate) fn fetch(word: &AtomicU64) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        // SAFETY: the hint changes nothing that a program sees, whatever the address; this one is of a word.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(word.as_ptr().cast()) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = word;
+}
+
 /// How many bytes `count` words have.
 fn size_of(count: usize) -> (usize, u64) {
     let size = count * std::mem::size_of::<AtomicU64>();
