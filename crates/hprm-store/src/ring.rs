@@ -416,49 +416,72 @@ impl<M: Memory> Reader<M> {
     }
 }
 
-/// Copies bytes into memory, from byte `at` on.
+/// Copies bytes into memory, from byte `at` on. The first byte of a word is the lowest one, on every machine.
 fn put(memory: &[impl Word], at: usize, bytes: &[u8]) {
     let (head, rest) = bytes.split_at(bytes.len().min(up_to_word(at)));
     put_part(memory, at, head);
     let at = at + head.len();
-    let words = rest.chunks_exact(WORD);
-    let tail = words.remainder();
+    let (words, tail) = rest.as_chunks::<WORD>();
     for (word, chunk) in memory[at / WORD..].iter().zip(words) {
-        let chunk = chunk.try_into().expect("each has the length of a word");
-        word.store(u64::from_ne_bytes(chunk), Ordering::Relaxed);
+        word.store(u64::from_le_bytes(*chunk), Ordering::Relaxed);
     }
     put_part(memory, at + rest.len() - tail.len(), tail);
 }
 
 /// Copies a part of one word. The rest of it may not have been read yet, and stays.
+// By shifts, not by way of bytes in memory: a processor that loads a word of which it has just stored parts waits until
+// all stores before have arrived in the cache, and lines that the other side had come late.
+#[inline]
 fn put_part(memory: &[impl Word], at: usize, bytes: &[u8]) {
     if bytes.is_empty() {
         return;
     }
-    let word = &memory[at / WORD];
-    let mut changed = word.load(Ordering::Relaxed).to_ne_bytes();
-    changed[at % WORD..][..bytes.len()].copy_from_slice(bytes);
-    word.store(u64::from_ne_bytes(changed), Ordering::Relaxed);
+    let (word, shift) = (&memory[at / WORD], at % WORD * 8);
+    let stays = !(((1 << (bytes.len() * 8)) - 1) << shift);
+    word.store(word.load(Ordering::Relaxed) & stays | part(bytes) << shift, Ordering::Relaxed);
+}
+
+/// The number that less than a word of bytes are, the lowest first.
+#[inline]
+fn part(bytes: &[u8]) -> u64 {
+    let len = bytes.len();
+    if let (Some(low), Some(high)) = (bytes.first_chunk(), bytes.last_chunk()) {
+        let [low, high] = [low, high].map(|half| u64::from(u32::from_le_bytes(*half)));
+        return low | high << ((len - 4) * 8);
+    }
+    bytes.iter().rev().fold(0, |number, byte| number << 8 | u64::from(*byte))
 }
 
 /// Copies bytes out of memory, from byte `at` on.
 fn take(memory: &[impl Word], at: usize, buffer: &mut [u8]) {
     let (head, rest) = buffer.split_at_mut(buffer.len().min(up_to_word(at)));
     take_part(memory, at, head);
-    let (at, len) = (at + head.len(), rest.len());
-    let mut words = rest.chunks_exact_mut(WORD);
-    for (word, chunk) in memory[at / WORD..].iter().zip(&mut words) {
-        chunk.copy_from_slice(&word.load(Ordering::Relaxed).to_ne_bytes());
+    let at = at + head.len();
+    let len = rest.len();
+    let (words, tail) = rest.as_chunks_mut::<WORD>();
+    for (word, chunk) in memory[at / WORD..].iter().zip(words) {
+        *chunk = word.load(Ordering::Relaxed).to_le_bytes();
     }
-    let tail = words.into_remainder();
     take_part(memory, at + len - tail.len(), tail);
 }
 
 /// Copies a part of one word.
+#[inline]
 fn take_part(memory: &[impl Word], at: usize, buffer: &mut [u8]) {
-    if !buffer.is_empty() {
-        let word = memory[at / WORD].load(Ordering::Relaxed).to_ne_bytes();
-        buffer.copy_from_slice(&word[at % WORD..][..buffer.len()]);
+    if buffer.is_empty() {
+        return;
+    }
+    let number = memory[at / WORD].load(Ordering::Relaxed) >> (at % WORD * 8);
+    let len = buffer.len();
+    if let Some(low) = buffer.first_chunk_mut() {
+        *low = (number as u32).to_le_bytes();
+        if let Some(high) = buffer.last_chunk_mut() {
+            *high = ((number >> ((len - 4) * 8)) as u32).to_le_bytes();
+        }
+        return;
+    }
+    for (at, byte) in buffer.iter_mut().enumerate() {
+        *byte = (number >> (at * 8)) as u8;
     }
 }
 
