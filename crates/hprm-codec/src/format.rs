@@ -221,20 +221,17 @@ pub(crate) fn put_integer(head: &mut Head, number: i64) {
 }
 
 /// Appends at most one byte and a number, all at once.
-fn put_digits(head: &mut Head, before: &[u8], mut number: u64) {
+fn put_digits(head: &mut Head, before: &[u8], number: u64) {
     let mut bytes = [0; 1 + LONGEST];
-    let mut len = before.len();
-    bytes[..len].copy_from_slice(before);
-    for byte in &mut bytes[len..] {
-        len += 1;
-        *byte = number as u8 & 0x7f;
-        number >>= 7;
-        if number == 0 {
-            break;
-        }
-        *byte |= 0x80;
-    }
-    head.extend_from_slice(&bytes[..len]);
+    let start = before.len();
+    bytes[..start].copy_from_slice(before);
+    let len = (u64::BITS - (number | 1).leading_zeros()).div_ceil(7) as usize;
+    // All but the last byte say that another one follows.
+    let more = MORE.checked_shr(8 * (9_u32.saturating_sub(len as u32))).unwrap_or(0);
+    bytes[start..][..8].copy_from_slice(&(spread(number) | more).to_le_bytes());
+    bytes[start + 8] = (number >> 56) as u8 & 0x7f | if len > 9 { 0x80 } else { 0 };
+    bytes[start + 9] = (number >> 63) as u8;
+    head.extend_from_slice(&bytes[..start + len]);
 }
 
 /// Inserts `number` at byte `at`: how many entries there are, once they are written.
@@ -270,30 +267,44 @@ pub fn root<'a, P>(
 /// The number at the start of `bytes` and its length, if there is a whole one.
 #[must_use]
 pub fn number(bytes: &[u8]) -> Option<(u64, usize)> {
-    match bytes.first_chunk() {
-        Some(word) => match short_number(u64::from_le_bytes(*word)) {
-            Some(found) => Some(found),
-            None => number_by_bytes(bytes),
+    let Some(word) = bytes.first_chunk() else { return number_by_bytes(bytes) };
+    let word = u64::from_le_bytes(*word);
+    // The lowest bit of those that tell where a number ends.
+    match !word & MORE {
+        0 => match bytes.get(8..LONGEST) {
+            Some([digits @ 0..0x80, _]) => Some((gather(word) | u64::from(*digits) << 56, 9)),
+            Some([digits, last @ 0..=1]) => {
+                let digits = u64::from(digits & 0x7f) | u64::from(*last) << 7;
+                Some((gather(word) | digits << 56, LONGEST))
+            }
+            _ => number_by_bytes(bytes),
         },
-        None => number_by_bytes(bytes),
+        end => {
+            let bits = end.trailing_zeros() + 1;
+            Some((gather(word & (u64::MAX >> (64 - bits))), bits as usize / 8))
+        }
     }
 }
 
-/// The number that ends within the bytes of a word, if one does: all digits at once.
+/// In each byte of a word, the bit that says that another byte follows.
+const MORE: u64 = 0x8080_8080_8080_8080;
+
+/// The digits that the bytes of a word have, seven bits each: all at once.
 #[inline]
-fn short_number(word: u64) -> Option<(u64, usize)> {
-    // The lowest bit of those that tell where a number ends.
-    let end = !word & 0x8080_8080_8080_8080;
-    if end == 0 {
-        return None;
-    }
-    let bits = end.trailing_zeros() + 1;
-    let digits = word & (u64::MAX >> (64 - bits)) & 0x7f7f_7f7f_7f7f_7f7f;
+fn gather(word: u64) -> u64 {
+    let digits = word & !MORE;
     // Pairs of seven bits, then of fourteen, then of twenty-eight.
     let digits = digits & 0x007f_007f_007f_007f | (digits & 0x7f00_7f00_7f00_7f00) >> 1;
     let digits = digits & 0x0000_3fff_0000_3fff | (digits & 0x3fff_0000_3fff_0000) >> 2;
-    let digits = digits & 0x0fff_ffff | (digits & 0x0fff_ffff_0000_0000) >> 4;
-    Some((digits, bits as usize / 8))
+    digits & 0x0fff_ffff | (digits & 0x0fff_ffff_0000_0000) >> 4
+}
+
+/// The inverse of [`gather`], for the lowest 56 bits of a number.
+#[inline]
+fn spread(number: u64) -> u64 {
+    let digits = number & 0x0fff_ffff | (number << 4) & 0x0fff_ffff_0000_0000;
+    let digits = digits & 0x0000_3fff_0000_3fff | (digits << 2) & 0x3fff_0000_3fff_0000;
+    digits & 0x007f_007f_007f_007f | (digits << 1) & 0x7f00_7f00_7f00_7f00
 }
 
 fn number_by_bytes(bytes: &[u8]) -> Option<(u64, usize)> {
