@@ -188,6 +188,14 @@ impl<T: Element> Array<T> {
         Ok(Self { shape: Shape::from_slice(shape), storage: self.storage.clone() })
     }
 
+    /// The bytes of the elements.
+    pub(crate) fn bytes(&self) -> &[u8] {
+        match &self.storage {
+            Storage::Heap(heap) => heap.bytes(),
+            Storage::Memory(memory) => memory.bytes(),
+        }
+    }
+
     /// The memory of the elements.
     #[must_use]
     pub fn memory(&self) -> Arc<dyn Memory> {

@@ -162,11 +162,14 @@ macro_rules! elements {
                 }
 
                 fn copy(bytes: &[u8]) -> Vec<Self> {
-                    let count = bytes.len() / size_of::<Self>();
-                    let mut elements = vec![<Self as bytemuck::Zeroable>::zeroed(); count];
-                    let copied = bytemuck::cast_slice_mut(&mut elements);
-                    copied.copy_from_slice(&bytes[..count * size_of::<Self>()]);
-                    elements
+                    // Nothing is zeroed first: most allocators keep less memory at hand for that.
+                    match Self::view(bytes) {
+                        Some(elements) => elements.to_vec(),
+                        None => {
+                            let elements = bytes.chunks_exact(size_of::<Self>());
+                            elements.map(bytemuck::pod_read_unaligned).collect()
+                        }
+                    }
                 }
             }
         )*

@@ -24,11 +24,13 @@
 //!
 //! This crate is pure: it knows no store, link or file. `format` and `cursor` are the bytes; `encode` and `decode` walk
 //! values, `array` and `element` are arrays, `memory` is what the caller places, `slot` is how an array passes
-//! through serde in one piece, and `place` says where in a value something is wrong.
+//! through serde in one piece, `alone` is the short way of small arrays, and `place` says where in a value something is
+//! wrong.
 
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 #![forbid(unsafe_code)]
 
+mod alone;
 mod array;
 pub mod cursor;
 mod decode;
@@ -51,4 +53,4 @@ pub use encode::encode;
 pub use error::{DecodeError, EncodeError};
 pub use memory::{Draft, Memory, Source};
 pub use pickle::Pickle;
-pub use transfer::Transfer;
+pub use transfer::{Transfer, receive, send};

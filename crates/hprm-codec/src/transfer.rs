@@ -1,7 +1,13 @@
 //! Which types can travel from one federate to another.
 
+use std::sync::Arc;
+
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+
+use crate::error::{DecodeError, EncodeError};
+use crate::memory::{Draft, Memory};
+use crate::{alone, decode, encode};
 
 /// A value that can travel to another process.
 ///
@@ -37,3 +43,22 @@ pub trait Transfer: Clone + Send + Sync + 'static + Serialize + DeserializeOwned
 
 #[diagnostic::do_not_recommend]
 impl<T: Clone + Send + Sync + 'static + Serialize + DeserializeOwned> Transfer for T {}
+
+/// Encodes a whole value, as [`encode`] does; small arrays take less time.
+///
+/// # Errors
+///
+/// As [`encode`].
+pub fn send<T: Transfer>(value: &T) -> Result<Draft, EncodeError> {
+    alone::encode(value).map_or_else(|| encode(value), Ok)
+}
+
+/// Decodes a whole value, as [`decode`] does; small arrays take less time.
+///
+/// # Errors
+///
+/// As [`decode`].
+pub fn receive<T: Transfer>(head: &[u8], parts: &[Arc<dyn Memory>]) -> Result<T, DecodeError> {
+    let made = if parts.is_empty() { alone::decode(head) } else { None };
+    made.map_or_else(|| decode(head, parts), Ok)
+}

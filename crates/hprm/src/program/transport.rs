@@ -38,9 +38,9 @@ impl Codec {
             stored: || [stored_type::<T>(), stored_type::<Sent<T>>()],
             encode: |value| {
                 let value = value.get::<T>().or_else(|| value.get::<Sent<T>>().map(Sent::value));
-                value.map(hprm_codec::encode)
+                value.map(hprm_codec::send)
             },
-            decode: |head, parts| hprm_codec::decode::<T>(head, parts).map(Value::new),
+            decode: |head, parts| hprm_codec::receive::<T>(head, parts).map(Value::new),
         }
     }
 
