@@ -224,7 +224,6 @@ impl RingReader {
     }
 
     /// Whether there is nothing to read. If there is, this side should read it soon.
-    #[inline]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -351,7 +350,6 @@ impl<M: Memory> Reader<M> {
         Self { ring, read: 0, origin: 0, written: 0, looked: 0 }
     }
 
-    #[inline]
     fn is_empty(&self) -> bool {
         let written = self.ring.load(WRITTEN);
         if written == self.read {
@@ -363,8 +361,6 @@ impl<M: Memory> Reader<M> {
 
     /// Has the processor fetch the next `count` bytes, or the first of them: the other side has them in its cache, and
     /// this one has other things to do before it reads them.
-    // Apart, so that a loop that looks again and again has a short way around.
-    #[inline(never)]
     fn fetch(&self, count: u64) {
         let begins_again = self.ring.word(ORIGIN).load(Ordering::Relaxed) == self.read;
         let origin = if begins_again { self.read } else { self.origin };
