@@ -169,7 +169,19 @@ def _own(stack: traceback.StackSummary) -> list[traceback.FrameSummary]:
     """Return the frames that are neither of libraries nor, if there are others, of made code."""
     frames = [it for it in stack if not is_of_library(it.filename)]
     frames = [it for it in frames if not it.filename.startswith("<frozen ")]
+    frames = [it for it in frames if _is_here(it)] or frames
     return [it for it in frames if it.filename != "<string>"] or frames
+
+
+def _is_here(frame: traceback.FrameSummary) -> bool:
+    """Tell whether a frame names no file, or one that can be shown.
+
+    What Cython has compiled names the file from which it was made, on the machine where that was
+    done: ``numpy/random/_generator.pyx``. Python also looks for such a path where libraries are.
+    """
+    path = frame.filename
+    is_found = os.path.isabs(path) or os.path.exists(path)
+    return path.startswith("<") or (is_found and bool(frame.line))
 
 
 def _hint(error: BaseException, text: str) -> str | None:

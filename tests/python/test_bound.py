@@ -390,6 +390,7 @@ def test_a_missed_deadline_runs_its_handler(script: Script) -> None:
 
 FAILING = """
 import json
+import numpy
 import helper
 
 class Main(Reactor):
@@ -409,6 +410,10 @@ go(Main())
         ("json.loads('{')", "raised JSONDecodeError: Expecting", "app.py"),
         ("helper.fail()", "raised KeyError: 'x'", "helper.py:3"),
         ("self.nothing", "raised AttributeError: 'Main' object has no attribute", "app.py"),
+        # What is compiled names a file that is elsewhere: in no folder, or where libraries are.
+        ("numpy.random.default_rng(1).integers(5, 1)", "raised ValueError: low >= high", "app.py"),
+        ("exec(compile('1 / 0', 'zoo/ape.pyx', 'exec'))", "raised ZeroDivisionError", "app.py"),
+        ("exec(compile('1 / 0', 'json/decoder.py', 'exec'))", "raised ZeroDivisionError", "app.py"),
     ],
 )
 def test_a_failure_names_the_users_own_line(
