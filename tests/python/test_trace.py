@@ -618,6 +618,57 @@ def test_verify_ends_what_does_not_end(tmp_path: Path) -> None:
     assert "did not end" in verdict.stderr and "hint: " in verdict.stderr
 
 
+@pytest.mark.parametrize(
+    ("options", "told"), [([], 1), (["--property=coordination=centralized"], 0)]
+)
+def test_verify_leaves_out_what_a_fast_federation_forbids(
+    options: list[str], told: int, tmp_path: Path
+) -> None:
+    text = FEDERATION.format(more="").replace("timeout: 60 ms", "timeout: 60 ms, fast: true")
+    path = program(tmp_path, text)
+    verdict = hprm("verify", *options, path)
+    assert (verdict.returncode, verdict.stderr) == (0, "")
+    *before, last = verdict.stdout.splitlines()
+    assert before == ["no run is decentralized, as `fast` does not go together with that"] * told
+    assert "6 runs did the same" in last
+    verdict = hprm("verify", "--json", "--runs", 3, *options, path)
+    assert json.loads(verdict.stdout)["equal"], verdict.stderr
+
+
+STOPS = """\
+target Python
+preamble {{=
+  import random
+=}}
+reactor Stop {{
+  timer t(0, 1 ms)
+  reaction(t) {{=
+    if lf.time.physical() and lf.time.logical_elapsed() == 2_000_000:
+        lf.request_stop()
+  =}}
+}}
+main reactor {{
+  logical action a
+  stop = new Stop()
+  reaction(startup) -> a {{= a.schedule(0, {value}) =}}
+}}
+"""
+
+
+@pytest.mark.parametrize(("value", "code"), [("1", 0), ("random.random()", 3)])
+def test_verify_says_first_on_which_runs_clocks_decided(
+    value: str, code: int, tmp_path: Path
+) -> None:
+    path = program(tmp_path, STOPS.format(value=value))
+    verdict = hprm("verify", "--runs", 3, path)
+    assert verdict.returncode == code, verdict.stderr
+    which = "run 1 and run 2 both depend" if code else "3 runs depend"
+    first = f"{which} on clocks: they decided when a federate came or went, or when all ended"
+    assert verdict.stdout.splitlines()[0] == first
+    verdict = hprm("verify", "--json", "--runs", 2, path)
+    assert json.loads(verdict.stdout)["clocks"] == ["run 1", "run 2"]
+
+
 def test_verify_keeps_traces_where_it_is_told(tmp_path: Path) -> None:
     path = program(tmp_path, WIDE)
     assert hprm("verify", "--runs", 2, "--keep", tmp_path / "kept", path).returncode == 0

@@ -18,15 +18,16 @@ use std::time::{Duration, Instant};
 use hprm::Failure;
 use hprm::launch::unstarted;
 use hprm::supervisor::{SIGNAL_DEBOUNCE, Signal};
+use hprm::trace::line::End;
 use hprm::trace::{Reader, remove_abandoned};
 use rustix::process::{self, Pid, kill_process, kill_process_group};
 use serde_json::json;
 
-use self::variant::{Deployment, Kind, Variant};
+use self::variant::{Deployment, Subject, Variant, left_out};
 use crate::args::Verify;
 use crate::diff::{DIVERGENCE, as_json, extent, hash, print_more};
 use crate::message::{self, Error, print_line};
-use crate::trace::{Comparison, Judge, sentence};
+use crate::trace::{Comparison, Judge, clocks, sentence};
 use crate::{check, python, signals};
 
 /// How often to look whether a run is over.
@@ -62,14 +63,19 @@ fn run_all(arguments: &Verify) -> Result<ExitCode, Error> {
     signals::watch(move |signal| asks.send(signal).is_ok())
         .map_err(|error| Error::new(format!("cannot watch for Ctrl-C: {error}")))?;
     let folder = Folder::of(arguments)?;
-    let kind = Kind::of(&compiled.program);
+    let subject = Subject::of(&compiled.program);
     let stated = arguments.properties.stated();
     let runs: Vec<Run> = (1..=arguments.runs)
         .map(|number| Run {
-            variant: Variant::of(number, kind).keeping(&stated),
+            variant: Variant::of(number, subject).keeping(&stated),
             trace: folder.path.join(format!("{number}.trace")),
         })
         .collect();
+    if let Some(why) = left_out(arguments.runs, subject, &stated)
+        && !arguments.verdict.json
+    {
+        print_line(why);
+    }
     let judge = Judge { physical: arguments.verdict.physical };
     let mut total: Option<Comparison> = None;
     for run in &runs {
@@ -82,26 +88,51 @@ fn run_all(arguments: &Verify) -> Result<ExitCode, Error> {
         }
         let found = compare(judge, &runs[0], run)?;
         if found.divergence.is_some() {
-            return Ok(report(arguments, &found, [&runs[0], run]));
+            return report(arguments, &found, [&runs[0], run]);
         }
         total = Some(total.map_or(found.clone(), |total| least(total, found)));
     }
     let total = total.unwrap_or_default();
-    let hash = hash(&runs[0].trace, judge, &total)?;
-    let tardy = runs.iter().map(Run::tardy).sum::<Result<u64, Error>>()?;
+    confirm(arguments, &total, &runs, &hash(&runs[0].trace, judge, &total)?.to_string())
+}
+
+/// Says that all runs did the same.
+fn confirm(
+    arguments: &Verify,
+    total: &Comparison,
+    runs: &[Run],
+    hash: &str,
+) -> Result<ExitCode, Error> {
+    let tardy = runs.iter().map(|run| Ok(run.end()?.tardy)).sum::<Result<u64, Error>>()?;
+    let marked = marked(runs)?;
     if arguments.verdict.json {
-        let mut verdict = as_json(&total, ["", ""]);
-        verdict["hash"] = json!(hash.to_string());
+        let mut verdict = as_json(total, ["", ""]);
+        verdict["hash"] = json!(hash);
         verdict["runs"] = json!(runs.len());
         verdict["tardy"] = json!(tardy);
+        verdict["clocks"] = json!(marked);
         print_line(&verdict.to_string());
     } else {
-        print_line(&format!("{hash}  {} runs did the same: {}", runs.len(), extent(&total)));
+        print_clocks(&marked);
+        print_line(&format!("{hash}  {} runs did the same: {}", runs.len(), extent(total)));
         if tardy > 0 {
             print_line(&format!("{tardy} inputs came too late for their tags, alike in all runs"));
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// The runs on which clocks decided.
+fn marked<'a>(runs: impl IntoIterator<Item = &'a Run>) -> Result<Vec<String>, Error> {
+    let marked = runs.into_iter().map(|run| Ok(run.end()?.physical.then(|| run.name())));
+    marked.filter_map(Result::transpose).collect()
+}
+
+fn print_clocks(marked: &[String]) {
+    let marked: Vec<&str> = marked.iter().map(String::as_str).collect();
+    if let Some(line) = clocks(&marked) {
+        print_line(&line);
+    }
 }
 
 /// One run of the program.
@@ -124,24 +155,33 @@ fn least(a: Comparison, b: Comparison) -> Comparison {
     }
 }
 
-fn report(arguments: &Verify, found: &Comparison, runs: [&Run; 2]) -> ExitCode {
-    let names = runs.map(|run| format!("run {}", run.variant.number));
+/// Says where two runs part.
+fn report(arguments: &Verify, found: &Comparison, runs: [&Run; 2]) -> Result<ExitCode, Error> {
+    let marked = marked(runs)?;
+    let names = runs.map(Run::name);
     let names = names.each_ref().map(String::as_str);
     if arguments.verdict.json {
         let mut verdict = as_json(found, names);
         verdict["ways"] = json!(runs.map(|run| run.variant.to_string()));
+        verdict["clocks"] = json!(marked);
         print_line(&verdict.to_string());
     } else if let Some(divergence) = &found.divergence {
+        print_clocks(&marked);
         print_line(&sentence(divergence, names));
         for run in runs {
             print_line(&format!("  run {}: {}", run.variant.number, run.variant));
         }
         print_more(found, names);
     }
-    ExitCode::from(DIVERGENCE)
+    Ok(ExitCode::from(DIVERGENCE))
 }
 
 impl Run {
+    /// What sentences call it.
+    fn name(&self) -> String {
+        format!("run {}", self.variant.number)
+    }
+
     /// Runs the program to its end. Returns the signal by which this process was asked to stop, if it was.
     fn perform(
         &self,
@@ -228,9 +268,9 @@ impl Run {
         Ok(command)
     }
 
-    /// How many inputs came too late.
-    fn tardy(&self) -> Result<u64, Error> {
-        Ok(Reader::open(&self.trace)?.end.tardy)
+    /// What its trace says last.
+    fn end(&self) -> Result<End, Error> {
+        Ok(Reader::open(&self.trace)?.end)
     }
 }
 

@@ -17,7 +17,8 @@ pub(crate) fn clocks(marked: &[&str]) -> Option<String> {
     let runs = match marked {
         [] => return None,
         [run] => format!("{run} depends"),
-        [a, b, ..] => format!("{a} and {b} both depend"),
+        [a, b] => format!("{a} and {b} both depend"),
+        more => format!("{} runs depend", more.len()),
     };
     Some(format!("{runs} on clocks: they decided when a federate came or went, or when all ended"))
 }

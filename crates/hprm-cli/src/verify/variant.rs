@@ -34,9 +34,23 @@ pub(super) enum Kind {
     Transient,
 }
 
-impl Kind {
+/// What is known of a program before it runs.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Subject {
+    pub(super) kind: Kind,
+    /// It follows no clock, and that rules out decentralized coordination.
+    pub(super) fast: bool,
+}
+
+impl Subject {
     /// That of a program.
     pub(super) fn of(program: &Program) -> Self {
+        Self { kind: Kind::of(program), fast: program.properties.fast }
+    }
+}
+
+impl Kind {
+    fn of(program: &Program) -> Self {
         match program.federates.values().any(|federate| federate.transient) {
             true => Self::Transient,
             false if program.is_federated() => Self::Federated,
@@ -58,7 +72,7 @@ pub(super) enum Deployment {
 
 impl Variant {
     /// The way of a run.
-    pub(super) fn of(number: u32, kind: Kind) -> Self {
+    pub(super) fn of(number: u32, Subject { kind, fast }: Subject) -> Self {
         let index = number - 1;
         let at = |values: &[u32]| values[index as usize % values.len()];
         let (coordination, deployment) = match (kind, index % 5) {
@@ -71,6 +85,7 @@ impl Variant {
             (Kind::Federated, 3) => (Some("centralized"), Deployment::Threads),
             (Kind::Federated, _) => (Some("decentralized"), Deployment::Threads),
         };
+        let coordination = coordination.map(|kind| if fast { "centralized" } else { kind });
         Self {
             number,
             hash_seed: index,
@@ -83,11 +98,8 @@ impl Variant {
 
     /// The same, but for what the user has chosen: that does not vary. `stated` is as `KEY=VALUE`.
     pub(super) fn keeping(mut self, stated: &[String]) -> Self {
-        let is_stated = |name: &str| {
-            stated.iter().any(|property| property.split('=').next().map(str::trim) == Some(name))
-        };
-        self.workers = self.workers.filter(|_| !is_stated("workers"));
-        self.coordination = self.coordination.filter(|_| !is_stated("coordination"));
+        self.workers = self.workers.filter(|_| !is_stated(stated, "workers"));
+        self.coordination = self.coordination.filter(|_| !is_stated(stated, "coordination"));
         self
     }
 
@@ -97,6 +109,24 @@ impl Variant {
         let workers = self.workers.map(|workers| format!("workers={workers}"));
         coordination.into_iter().chain(workers)
     }
+}
+
+/// Which ways that a user may expect are left out, and why.
+pub(super) fn left_out(
+    runs: u32,
+    Subject { kind, fast }: Subject,
+    stated: &[String],
+) -> Option<&'static str> {
+    let is_due = |number| {
+        let usual = Variant::of(number, Subject { kind, fast: false });
+        usual.coordination == Some("decentralized")
+    };
+    let is_missed = fast && !is_stated(stated, "coordination") && (1..=runs).any(is_due);
+    is_missed.then_some("no run is decentralized, as `fast` does not go together with that")
+}
+
+fn is_stated(stated: &[String], name: &str) -> bool {
+    stated.iter().any(|property| property.split('=').next().map(str::trim) == Some(name))
 }
 
 impl fmt::Display for Variant {
@@ -126,9 +156,11 @@ impl fmt::Display for Variant {
 mod tests {
     use super::*;
 
+    const FEDERATED: Subject = Subject { kind: Kind::Federated, fast: false };
+
     #[test]
     fn the_default_number_of_runs_covers_everything() {
-        let runs: Vec<_> = (1..=6).map(|number| Variant::of(number, Kind::Federated)).collect();
+        let runs: Vec<_> = (1..=6).map(|number| Variant::of(number, FEDERATED)).collect();
         for workers in [1, 2, 8] {
             assert!(runs.iter().any(|run| run.workers == Some(workers)));
         }
@@ -146,7 +178,7 @@ mod tests {
     #[test]
     fn what_the_user_has_chosen_does_not_vary() {
         let stated = ["coordination = decentralized", "workers=3"].map(str::to_owned);
-        let run = Variant::of(4, Kind::Federated);
+        let run = Variant::of(4, FEDERATED);
         assert_eq!(run.clone().keeping(&[]), run);
         let run = run.keeping(&stated);
         assert_eq!(run.properties().next(), None);
@@ -155,8 +187,23 @@ mod tests {
 
     #[test]
     fn a_program_that_is_not_federated_has_no_coordination() {
-        let run = Variant::of(3, Kind::Whole);
+        let run = Variant::of(3, Subject { kind: Kind::Whole, fast: true });
         assert_eq!(run.properties().collect::<Vec<_>>(), ["workers=8"]);
         assert_eq!(run.to_string(), "hash seed 2, 8 workers");
+    }
+
+    #[test]
+    fn a_program_that_follows_no_clock_is_never_decentralized_and_that_is_told() {
+        for kind in [Kind::Federated, Kind::Transient] {
+            let fast = Subject { kind, fast: true };
+            let runs: Vec<_> = (1..=6).map(|number| Variant::of(number, fast)).collect();
+            assert!(runs.iter().all(|run| run.coordination != Some("decentralized")), "{runs:?}");
+            let told = left_out(6, fast, &[]).unwrap();
+            assert!(told.contains("`fast`"), "{told}");
+            assert_eq!(left_out(2, fast, &[]), None, "no run would have been");
+            assert_eq!(left_out(6, fast, &["coordination=centralized".to_owned()]), None);
+            assert_eq!(left_out(6, Subject { kind, fast: false }, &[]), None);
+        }
+        assert_eq!(left_out(6, Subject { kind: Kind::Whole, fast: true }, &[]), None);
     }
 }
