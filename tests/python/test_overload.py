@@ -6,7 +6,7 @@ import re
 
 import pytest
 from conftest import Run
-from processes import Bench, finish
+from processes import COORDINATIONS, Bench, finish
 
 SLOW = """\
 reactor Slow {
@@ -62,6 +62,22 @@ def test_a_federate_that_cannot_keep_up_is_named(bench: Bench, options: list[str
 def test_a_program_that_follows_no_clock_lags_behind_none(run: Run) -> None:
     outcome = run(f"target Python {{ fast: true, timeout: 220 ms }}\n{PREAMBLE}{SLOW}{MAIN}")
     assert (outcome.code, outcome.err) == (0, "")
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_long_reaction_before_the_end_is_no_time_that_stands_still(
+    bench: Bench, coordination: str
+) -> None:
+    text = (
+        f"target Python {{ coordination: {coordination} }}\n{PREAMBLE}"
+        "reactor A { output o  reaction(startup) -> o {= time.sleep(1.5); o.set(1) =} }\n"
+        "reactor B { input i  reaction(i) {= time.sleep(1.5) =} }\n"
+        "federated reactor { a = new A()  b = new B()  a.o -> b.i }\n"
+    )
+    outcome = finish(bench.start(text))
+    assert outcome.code == 0
+    assert "stood still" not in outcome.err and "microstep" not in outcome.err, outcome.err
+    assert "[b] warning: federate b lags " in outcome.err, "it is late nevertheless"
 
 
 # 25 steps of a tenth of a second, all at time zero.

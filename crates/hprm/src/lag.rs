@@ -20,6 +20,9 @@ const BOUND: Nanos = SECOND;
 const LASTS: Nanos = SECOND;
 /// After how many microsteps at one time a program that follows no clock looks at one.
 const LOOKS: u32 = 64;
+/// Fewer microsteps at one time are not why it lasts: the end of a program is one after what its reactions have taken
+/// long to do, and a few events with a delay of 0 are quick.
+const MANY: u32 = 8;
 
 /// See the module.
 #[derive(Debug, Default)]
@@ -61,8 +64,8 @@ pub(crate) struct Overload {
     pub(crate) lag: Nanos,
     /// The first tag that was late.
     pub(crate) since: Tag,
-    /// Whether all tags since then are of one time.
-    pub(crate) stands: bool,
+    /// If all tags since then are of one time: how many microsteps have followed the first one.
+    pub(crate) stands: Option<u32>,
     /// If most of the lag came at once: how much, and the tag before.
     pub(crate) jump: Option<(Nanos, Tag)>,
     /// For how long reactions have been timed, and how much of that they took.
@@ -171,7 +174,7 @@ impl Behind {
         Overload {
             lag,
             since: self.first,
-            stands: tag.time == self.first.time,
+            stands: (tag.time == self.first.time).then(|| tag.microstep - self.first.microstep),
             jump: in_time.filter(|_| self.jump > lag / 2).map(|before| (self.jump, before)),
             elapsed: now.since(self.at),
             busy: costs.values().map(|cost| cost.total).sum(),
@@ -185,7 +188,12 @@ impl Overload {
     /// follows the one before as soon as it can.
     pub(crate) fn is_meant(&self, program: &Program) -> bool {
         let steps = program.connections.values().any(|it| it.delay == Delay::Microstep);
-        self.stands && steps
+        self.stands.is_some() && steps
+    }
+
+    /// Whether it is the many microsteps that keep the time still.
+    fn is_stepwise(&self) -> bool {
+        self.stands.is_some_and(|microsteps| microsteps >= MANY)
     }
 
     /// The warning for the user. `place` says where a reaction is written, if that is known.
@@ -200,7 +208,7 @@ impl Overload {
             Scope::Federate(id) => (format!("federate {}", program.federates[id].name), false),
         };
         let (lag, since) = (seconds(self.lag), show_tag(self.since));
-        let mut text = match self.stands {
+        let mut text = match self.is_stepwise() {
             true => format!(
                 "the logical time of {name} has stood still for {lag}, one microstep after the other, since tag \
                  {since}"
@@ -213,7 +221,7 @@ impl Overload {
         }
         // Where the program waits, the reaction that took most of the little time is not the cause.
         let is_busy = self.busy >= self.elapsed / 2;
-        if let Some((reaction, cost)) = self.slowest.filter(|_| is_busy || self.stands) {
+        if let Some((reaction, cost)) = self.slowest.filter(|_| is_busy || self.is_stepwise()) {
             let place = place(reaction).map_or_else(String::new, |place| format!(" ({place})"));
             let reaction = program.reaction_label(reaction);
             let Cost { total, longest, runs } = cost;
@@ -225,7 +233,7 @@ impl Overload {
         }
         text += "\n  hint: ";
         text += match (is_busy, alone) {
-            _ if self.stands => {
+            _ if self.is_stepwise() => {
                 "an event with a delay of 0 comes at the same time, a microstep later; with a larger delay, time goes on"
             }
             (true, true) => {
@@ -362,7 +370,7 @@ mod tests {
         let mut overload = Overload {
             lag: 1_520 * MS,
             since: Tag::new(1_100 * MS, 2),
-            stands: false,
+            stands: None,
             jump: None,
             elapsed: 2_400 * MS,
             busy: 2_360 * MS,
@@ -429,5 +437,30 @@ mod tests {
             "{text}"
         );
         assert!(text.contains("hint: an event with a delay of 0 comes at the same time"), "{text}");
+    }
+
+    #[test]
+    fn a_long_reaction_and_the_end_a_microstep_later_are_no_time_that_stands_still() {
+        let mut watch = LagWatch::new(8);
+        let mut begins = |microstep, at| {
+            let told = watch.begins(Tag::new(0, microstep), PhysicalTime(0), PhysicalTime(at * MS));
+            watch.ran(SLOW, 2_500 * MS);
+            told
+        };
+        assert_eq!(begins(0, 3_000), None);
+        let told = begins(1, 5_500).unwrap();
+        assert_eq!((told.lag, told.stands), (5_500 * MS, Some(1)));
+        let (stepwise, _) = program(Delay::Microstep);
+        let (program, reaction) = program(Delay::Time(MS));
+        assert!(told.is_meant(&stepwise) && !told.is_meant(&program));
+        let slowest = told.slowest.map(|(_, cost)| (reaction, cost));
+        let text = Overload { slowest, ..told }.message(&program, Scope::Whole, |_| None);
+        assert!(
+            text.starts_with(
+                "the program lags 5.50 s behind its clock, since tag (0, 0); reaction"
+            ),
+            "{text}"
+        );
+        assert!(text.contains("hint: let it run less often"), "{text}");
     }
 }
