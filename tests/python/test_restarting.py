@@ -6,6 +6,8 @@ import json
 import os
 import re
 import signal
+import subprocess
+import time
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +76,30 @@ FORWARD = """
     if os.path.exists("stop"): lf.request_stop()
   =}
 """
+
+
+#: Leaves at once the first time.
+LEAVE = FORWARD.replace(
+    "    out.set",
+    """    if not os.path.exists("mid1.pid"): lf.stop()
+    out.set""",
+)
+
+#: Python runs this first: a process of `mid` that is started again waits for the test.
+WAIT = """
+import os, time
+words = open("/proc/self/cmdline").read().split(chr(0))
+if "--launched" in words and words[-2] == "mid" and os.path.exists("mid0.pid"):
+    open("waits", "w").close()
+    while not os.path.exists("go"): time.sleep(0.01)
+"""
+
+
+def start_delayed(bench: Bench, text: str) -> subprocess.Popen[str]:
+    """Start `hprm run`; the second process of `mid` waits before it joins."""
+    (bench.folder / "Main.lf").write_text(text)
+    (bench.folder / "sitecustomize.py").write_text(WAIT)
+    return bench.call("run", "Main.lf", environment={"PYTHONPATH": str(bench.folder)})
 
 
 def last_line(trace: Path) -> dict[str, Any]:
@@ -354,3 +380,71 @@ if __name__ == "__main__":
     outcome = finish(bench.call("check", "app.py"))
     assert outcome.code == 1
     assert "`restart=` belongs to a transient federate, and this one is not" in outcome.err
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_one_that_finds_the_federation_gone_has_not_failed(bench: Bench, coordination: str) -> None:
+    text = program(coordination, '@restart("always", sec=0)', LEAVE, "1500 ms")
+    process = start_delayed(bench, text)
+    until((bench.folder / "waits").exists, "the second process starts")
+    hear(process.stdout, "[down] seen")
+    # Until the RTI has gone, too.
+    time.sleep(0.5)
+    (bench.folder / "go").touch()
+    outcome = finish(process)
+    assert (outcome.code, outcome.errors) == (0, []), outcome.err
+    assert "warning: federate mid does not come back: the federation ends" in outcome.err
+
+
+@pytest.mark.parametrize("restart", ["", '@restart("on-failure")'])
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_the_loss_of_a_successor_is_not_blamed_on_its_predecessor(
+    bench: Bench, coordination: str, restart: str
+) -> None:
+    process = bench.start(program(coordination, restart, FORWARD, "5 s"))
+    first = bench.pid("mid0")
+    by_hand = bench.call("federate", "Main.lf", "mid")
+    second = bench.pid("mid1")
+    until(lambda: not Path(f"/proc/{first}").exists(), "the predecessor has ended")
+    os.kill(second, signal.SIGKILL)
+    outcome = finish(process)
+    assert finish(by_hand).code != 0
+    assert outcome.code == 1
+    outcome.assert_one_error("error: the process of federate mid ended before its last tag")
+
+
+def test_one_that_is_refused_as_a_duplicate_has_not_failed(bench: Bench) -> None:
+    body = """
+    preamble {=
+      import time
+      if os.path.exists("waits"): open("loads", "w").close()
+      while os.path.exists("loads") and not os.path.exists("ready"): time.sleep(0.01)
+    =}
+    """
+    text = program("centralized", '@restart("always", sec=0)', body + LEAVE, "60 s")
+    process = start_delayed(bench, text)
+    until((bench.folder / "waits").exists, "the second process starts")
+    by_hand = bench.call("federate", "Main.lf", "mid")
+    until((bench.folder / "loads").exists, "the one by hand has joined, and loads its program")
+    (bench.folder / "go").touch()
+    heard = hear(process.stderr, "has already joined")
+    (bench.folder / "ready").touch()
+    bench.pid("mid1")
+    (bench.folder / "stop").touch()
+    outcome = finish(process)
+    assert (outcome.code, outcome.errors) == (0, []), outcome.err
+    assert len(restarts(Outcome(0, "", heard + outcome.err))) == 1
+    assert finish(by_hand).code == 0
+
+
+def test_one_whose_place_is_taken_within_the_pause_is_not_started_again(bench: Bench) -> None:
+    text = program("centralized", '@restart("always", sec=1 h)', LEAVE, "60 s")
+    process = bench.start(text)
+    hear(process.stderr, "restart 1 follows, after 3600 s")
+    by_hand = bench.call("federate", "Main.lf", "mid")
+    bench.pid("mid1")
+    hear(process.stderr, "federate mid is not started again: another process has joined as it")
+    (bench.folder / "stop").touch()
+    outcome = finish(process)
+    assert (outcome.code, outcome.errors, restarts(outcome)) == (0, [], []), outcome.err
+    assert finish(by_hand).code == 0

@@ -110,10 +110,16 @@ struct FederateState {
     loaded: bool,
     /// Whether its link has ended before all had joined, and it has not joined again.
     left: bool,
+    /// Whether another process, which the supervisor has not started, has joined in the place of its own one.
+    is_replaced: bool,
+    /// Whether the RTI has refused a process because another one was joining as this federate.
+    has_duplicate: bool,
     /// How its process ended, and when that was known.
     ending: Option<(FederateEnding, Duration)>,
     /// When it has failed and with which exit code, if it is transient and has not come back.
     owed: Option<(Duration, i32)>,
+    /// The same of a process that had replaced its own one. The supervisor starts nothing that makes up for it.
+    forfeit: Option<(Duration, i32)>,
     /// For a federate that is started again when it has ended.
     renewal: Option<Renewal>,
 }
@@ -148,8 +154,8 @@ pub struct Supervisor {
     start_until: Duration,
     started: bool,
     rti_ended: bool,
-    /// Whether the RTI lets no federate join any more.
-    is_closing: bool,
+    /// Since when the RTI lets no federate join any more.
+    closing: Option<Duration>,
     /// The federate that failed first according to the RTI, the RTI's report, and when it came.
     first_failure: Option<(FederateId, Report, Duration)>,
     /// With which failure the RTI has ended, and when.
@@ -181,8 +187,11 @@ impl Supervisor {
             joined: false,
             loaded: false,
             left: false,
+            is_replaced: false,
+            has_duplicate: false,
             ending: None,
             owed: None,
+            forfeit: None,
             renewal: federate.restart.map(|restart| Renewal::new(Starts::new(restart))),
         });
         Self {
@@ -192,7 +201,7 @@ impl Supervisor {
             start_until: join_timeout,
             started: false,
             rti_ended: false,
-            is_closing: false,
+            closing: None,
             first_failure: None,
             rti_failure: None,
             phase: Phase::Running,
@@ -334,25 +343,9 @@ impl Supervisor {
 
     fn handle_rti_event(&mut self, now: Duration, event: RtiEvent) {
         match event {
-            // The process came while the federation was ending, and the RTI has told it so.
-            RtiEvent::Refused { reason: Refusal::TooLate, name } => {
-                let named = self.federates.iter().find(|(_, federate)| federate.name == name);
-                if let Some((id, _)) = named {
-                    self.federates[id].renewal.iter_mut().for_each(Renewal::refused);
-                }
-            }
-            RtiEvent::Refused { name, reason } => {
-                let said = format!("the RTI refuses a process as federate {name}: {reason}");
-                let hint = reason.hint().map(str::to_owned);
-                let report = Report { hint, ..Report::new(Kind::Refused, said) };
-                self.orders.push_back(Order::Warn(Box::new(report)));
-            }
-            RtiEvent::Joined(federate) => {
-                let federate = &mut self.federates[federate];
-                (federate.joined, federate.left) = (true, false);
-                federate.renewal.iter_mut().for_each(Renewal::joined);
-            }
-            RtiEvent::Closing => self.is_closing = true,
+            RtiEvent::Refused { name, reason } => self.refused(&name, &reason),
+            RtiEvent::Joined(federate) => self.joined(federate),
+            RtiEvent::Closing => self.closing = self.closing.or(Some(now)),
             // Only what is made of their traces counts them.
             RtiEvent::Entered(_) => {}
             RtiEvent::Loaded(federate) => self.federates[federate].loaded = true,
@@ -375,6 +368,26 @@ impl Supervisor {
             RtiEvent::Failed { federate, report } => {
                 self.first_failure.get_or_insert((federate, report, now));
             }
+        }
+    }
+
+    /// The RTI has told a process that it may not join as that federate.
+    fn refused(&mut self, name: &str, reason: &Refusal) {
+        let named = self.federates.iter().find(|(_, federate)| federate.name == name);
+        if let Some((id, _)) = named {
+            let federate = &mut self.federates[id];
+            match reason {
+                // The process came while the federation was ending.
+                Refusal::TooLate => federate.renewal.iter_mut().for_each(Renewal::refused),
+                Refusal::Duplicate => federate.has_duplicate = true,
+                _ => {}
+            }
+        }
+        if *reason != Refusal::TooLate {
+            let said = format!("the RTI refuses a process as federate {name}: {reason}");
+            let hint = reason.hint().map(str::to_owned);
+            let report = Report { hint, ..Report::new(Kind::Refused, said) };
+            self.orders.push_back(Order::Warn(Box::new(report)));
         }
     }
 

@@ -14,6 +14,9 @@ use super::{
 };
 use crate::{Kind, Report};
 
+/// How a process ends that could not join.
+const REFUSED: FederateEnding = FederateEnding::Code(1);
+
 /// How far a process is ended that the federation has lost, and that has not ended itself.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Ousting {
@@ -29,11 +32,7 @@ pub(super) struct Renewal {
     pub(super) starts: Starts,
     /// When it is started again.
     pub(super) at: Option<Duration>,
-    /// Whether its process has joined, and not failed since.
-    is_in: bool,
-    /// Whether another process, which the supervisor has not started, has joined in the place of this one.
-    is_replaced: bool,
-    /// Whether its process has come too late: the federation was ending.
+    /// Whether the RTI has refused a process because the federation was ending.
     is_late: bool,
     /// Whether it has been told that it does not come back.
     is_given_up: bool,
@@ -42,21 +41,7 @@ pub(super) struct Renewal {
 
 impl Renewal {
     pub(super) fn new(starts: Starts) -> Self {
-        Self {
-            starts,
-            at: None,
-            is_in: false,
-            is_replaced: false,
-            is_late: false,
-            is_given_up: false,
-            ousting: None,
-        }
-    }
-
-    /// A process has joined as this federate.
-    pub(super) fn joined(&mut self) {
-        self.is_replaced |= self.is_in;
-        self.is_in = true;
+        Self { starts, at: None, is_late: false, is_given_up: false, ousting: None }
     }
 
     /// A process has come when the federation was ending.
@@ -74,12 +59,27 @@ impl FederateState {
     /// Whether what the RTI says of a failure can only be about an earlier process: this one has not joined.
     pub(super) fn is_old_news(&self) -> bool {
         let renewal = self.renewal.as_ref();
-        renewal.is_some_and(|it| it.starts.count() > 0 && !it.is_in && self.ending.is_none())
+        renewal.is_some_and(|it| it.starts.count() > 0 && !self.joined && self.ending.is_none())
     }
 
     /// The end of its process that is to be dealt with.
     fn new_ending(&self) -> Option<&(FederateEnding, Duration)> {
         self.ending.as_ref().filter(|_| self.transient && !self.is_reported)
+    }
+
+    /// Whether the process that the federation has lost is another one than the supervisor's own, which has not ended
+    /// or has ended in order.
+    fn is_loss_of_other(&self) -> bool {
+        let own = self.new_ending().map(|(how, _)| how);
+        let own_is_well = own.is_none_or(|how| *how == FederateEnding::Code(0));
+        self.is_replaced && self.dropped.is_some() && own_is_well
+    }
+
+    /// Whether its process has ended because it was refused: another one was joining as this federate. Of a member that
+    /// fails, the RTI tells.
+    fn was_duplicate(&self) -> bool {
+        let own = self.new_ending().map(|(how, _)| how);
+        self.has_duplicate && self.dropped.is_none() && own == Some(&REFUSED)
     }
 
     /// When the supervisor has something to do about it, if nothing more becomes known.
@@ -113,8 +113,35 @@ impl Supervisor {
         self.phase == Phase::Running
             && !self.reported
             && self.exit_code.is_none()
-            && !self.is_closing
+            && self.closing.is_none()
             && !self.rti_ended
+    }
+
+    /// A process has joined as that federate. It may be one that a user has started while the supervisor's own one runs, or
+    /// in the pause after its end: it has taken that one's place.
+    pub(super) fn joined(&mut self, id: FederateId) {
+        let federate = &mut self.federates[id];
+        federate.is_replaced |= federate.is_member();
+        (federate.joined, federate.left) = (true, false);
+        let planned = federate.renewal.as_mut().filter(|_| federate.is_replaced);
+        if planned.and_then(|renewal| renewal.at.take()).is_some() {
+            let name = &federate.name;
+            let said =
+                format!("federate {name} is not started again: another process has joined as it");
+            self.warn(Kind::Left, said);
+        }
+    }
+
+    /// Whether the process of a federate that was started again has ended because there was no federation any more that
+    /// it could join.
+    fn came_too_late(&self, federate: &FederateState) -> bool {
+        let Some((how, at)) = &federate.ending else { return false };
+        let renewal = federate.renewal.as_ref().filter(|it| it.starts.count() > 0);
+        // The RTI may have gone before the process could ask it.
+        let found_none = !federate.joined
+            && *how == REFUSED
+            && self.closing.is_some_and(|closing| *at >= closing);
+        renewal.is_some_and(|it| found_none || it.is_late && *how != FederateEnding::Code(0))
     }
 
     /// Whether a federate is to be started again.
@@ -129,7 +156,7 @@ impl Supervisor {
         let federate = &mut self.federates[id];
         let Some(renewal) = &mut federate.renewal else { return };
         let is_lost = federate.dropped.as_ref().is_some_and(|(_, at)| now >= *at + AFTER_FAILURE);
-        let is_own = renewal.is_in && !renewal.is_replaced;
+        let is_own = federate.joined && !federate.is_replaced;
         if federate.ending.is_some() || !is_lost || !is_own || !is_open {
             return;
         }
@@ -156,7 +183,7 @@ impl Supervisor {
         let failed = ended.filter(|(how, _)| *how != FederateEnding::Code(0));
         // What has ended in order is asked for no report: but the RTI may say that the federation ends.
         let orderly = ended.filter(|(how, _)| *how == FederateEnding::Code(0));
-        let is_kept = federate.renewal.as_ref().is_some_and(|it| it.is_in && !it.is_replaced);
+        let is_kept = federate.renewal.is_some() && federate.joined && !federate.is_replaced;
         let complete = match (&federate.dropped, failed) {
             (None, None) => orderly.is_some_and(|(_, at)| due(*at)) && federate.renewal.is_some(),
             (Some(_), Some(_)) => true,
@@ -170,15 +197,17 @@ impl Supervisor {
 
     fn conclude(&mut self, now: Duration, id: FederateId) {
         let is_open = self.is_open();
+        let is_late = self.came_too_late(&self.federates[id]);
         let federate = &mut self.federates[id];
         let ended = federate.new_ending().cloned();
+        let (is_of_other, was_duplicate) = (federate.is_loss_of_other(), federate.was_duplicate());
+        federate.is_replaced |= was_duplicate;
         let dropped = federate.dropped.take().map(|(report, _)| report);
         federate.is_reported |= ended.is_some();
         let renewal = federate.renewal.as_mut();
         let is_ousted = renewal.as_ref().is_some_and(|it| it.ousting.is_some());
-        let is_late = renewal.as_ref().is_some_and(|it| it.is_late);
         let decision = match (&ended, &renewal) {
-            (Some((how, at)), Some(renewal)) if is_open && !renewal.is_replaced && !is_late => {
+            (Some((how, at)), Some(renewal)) if is_open && !federate.is_replaced && !is_late => {
                 let end = if is_ousted { End::Silent } else { End::of(how) };
                 renewal.starts.decide(end, *at, now)
             }
@@ -187,17 +216,19 @@ impl Supervisor {
         let how = ended.map(|(how, _)| how);
         let in_order = how == Some(FederateEnding::Code(0)) && dropped.is_none();
         // The signal that has ended it was the supervisor's: the silence before is what happened.
-        let told = how.as_ref().filter(|_| !is_ousted || dropped.is_none());
+        let told = how.as_ref().filter(|_| !is_of_other && (!is_ousted || dropped.is_none()));
         let verdict = match in_order {
             true => Verdict::on_leave(&federate.name),
             false => Verdict::on_federate(&federate.name, None, dropped.as_ref(), told),
         };
-        if is_late {
+        // What could not join has not failed.
+        if is_late || was_duplicate {
             return;
         }
-        match in_order {
-            true => federate.owed = None,
-            false => drop(federate.owed.get_or_insert((now, verdict.code))),
+        match (in_order, is_of_other) {
+            (true, _) => federate.owed = None,
+            (false, true) => drop(federate.forfeit.get_or_insert((now, verdict.code))),
+            (false, false) => drop(federate.owed.get_or_insert((now, verdict.code))),
         }
         match (decision, &mut federate.renewal) {
             (Decision::Again(at), Some(renewal)) => {
@@ -220,10 +251,10 @@ impl Supervisor {
     fn renew(&mut self, now: Duration, id: FederateId) {
         let is_open = self.is_open();
         let is_ending_well = self.exit_code.is_none() && !self.reported;
+        let was_late = self.came_too_late(&self.federates[id]);
         let federate = &mut self.federates[id];
         let Some(renewal) = &mut federate.renewal else { return };
         let is_given_up = renewal.at.is_some() && !is_open;
-        let was_late = renewal.is_late && federate.ending.is_some();
         if is_given_up || was_late {
             renewal.at = None;
             if is_ending_well && !std::mem::replace(&mut renewal.is_given_up, true) {
@@ -238,6 +269,7 @@ impl Supervisor {
         }
         renewal.begin(now);
         (federate.joined, federate.left, federate.loaded) = (false, false, false);
+        (federate.is_replaced, federate.has_duplicate) = (false, false);
         (federate.is_reported, federate.dropped, federate.ending) = (false, None, None);
         self.orders.push_back(Order::Start(id));
     }
@@ -247,11 +279,12 @@ impl Supervisor {
         let is_made_up = |federate: &FederateState| {
             let came_back = federate.renewal.as_ref().is_some_and(|it| it.starts.count() > 0);
             let ended = federate.ending.as_ref().map(|(how, _)| how);
-            came_back && ended == Some(&FederateEnding::Code(0))
+            // An end that was dealt with has cleared what is owed, or is a failure itself.
+            came_back && !federate.is_reported && ended == Some(&FederateEnding::Code(0))
         };
-        let failed = self.federates.values().filter(|federate| !is_made_up(federate));
-        let owed = failed.filter_map(|federate| federate.owed);
-        owed.min_by_key(|(at, _)| *at).map(|(_, code)| code)
+        let owed = |federate: &FederateState| federate.owed.filter(|_| !is_made_up(federate));
+        let all = self.federates.values().flat_map(|it| [owed(it), it.forfeit]).flatten();
+        all.min_by_key(|(at, _)| *at).map(|(_, code)| code)
     }
 }
 

@@ -13,14 +13,15 @@ use crate::RtiEvent;
 const SIGKILL: FederateEnding = FederateEnding::Signal(Signal::KILL);
 const DONE: FederateEnding = FederateEnding::Code(0);
 
-/// With two federates, of which b is started again.
-fn program(restart: Restart) -> Program {
+/// With two federates, of which b is transient, and perhaps started again.
+fn program(restart: Option<Restart>) -> Program {
     let mut b = ProgramBuilder::new("Main", Properties::default());
     for name in ["a", "b"] {
         let reactor = b.reactor(b.main(), name);
         let federate = b.federate(reactor, name, Nanos::MAX, None);
         if name == "b" {
-            b.restart(federate, restart);
+            b.make_transient(federate);
+            restart.into_iter().for_each(|restart| b.restart(federate, restart));
         }
     }
     b.build().expect("it is empty")
@@ -33,7 +34,11 @@ fn restart(condition: RestartCondition) -> Restart {
 
 /// Both run.
 fn running(condition: RestartCondition) -> Stage {
-    let mut stage = Stage::of(&program(restart(condition)));
+    started(Some(restart(condition)))
+}
+
+fn started(restart: Option<Restart>) -> Stage {
+    let mut stage = Stage::of(&program(restart));
     stage.rti(RtiEvent::Joined(A));
     stage.rti(RtiEvent::Joined(B));
     stage.rti(RtiEvent::Started(PhysicalTime(0)));
@@ -177,6 +182,51 @@ fn one_that_comes_too_late_is_no_further_failure() {
 }
 
 #[test]
+fn one_that_finds_no_rti_any_more_is_no_further_failure() {
+    let mut stage = running(RestartCondition::Always);
+    stage.exits(B, DONE);
+    stage.pass(700);
+    assert_eq!(stage.started.len(), 1);
+    end(&mut stage, Some(FederateEnding::Code(1)));
+    assert_eq!((stage.outcome(), stage.reports.len()), (Some(0), 2), "{:?}", stage.reports);
+    assert!(stage.reports[1].contains("federate b does not come back: the federation ends"));
+}
+
+#[test]
+fn one_that_fails_while_the_federation_ends_counts_unless_it_could_not_join() {
+    let exits = |code, closes_first, joins: bool| {
+        let mut stage = running(RestartCondition::Always);
+        stage.exits(B, DONE);
+        stage.pass(700);
+        joins.then(|| stage.rti(RtiEvent::Joined(B)));
+        if closes_first {
+            stage.rti(RtiEvent::Closing);
+        }
+        stage.exits(B, FederateEnding::Code(code));
+        stage.pass(10);
+        end(&mut stage, None);
+        assert!(!stage.reports.iter().any(|it| it.contains("does not come back")));
+        stage.outcome()
+    };
+    assert_eq!(exits(3, true, false), Some(3));
+    assert_eq!(exits(1, false, false), Some(1));
+    assert_eq!(exits(1, true, true), Some(1));
+}
+
+#[test]
+fn another_process_that_comes_too_late_changes_nothing() {
+    let mut stage = running(RestartCondition::OnFailure);
+    kill(&mut stage);
+    stage.pass(200);
+    stage.rti(RtiEvent::Joined(B));
+    stage.rti(RtiEvent::Closing);
+    let reason = hprm_federated::Refusal::TooLate;
+    stage.rti(RtiEvent::Refused { name: "b".to_owned(), reason });
+    end(&mut stage, Some(DONE));
+    assert_eq!((stage.outcome(), stage.reports.len()), (Some(0), 1), "{:?}", stage.reports);
+}
+
+#[test]
 fn a_signal_within_the_pause_ends_all_at_once() {
     let mut stage = running(RestartCondition::OnFailure);
     kill(&mut stage);
@@ -203,6 +253,113 @@ fn one_that_was_replaced_is_not_started_again() {
 }
 
 #[test]
+fn the_loss_of_one_that_has_replaced_another_is_not_blamed_on_that_one() {
+    for restart in [None, Some(restart(RestartCondition::OnFailure))] {
+        for pause in [100, 1_000] {
+            let mut stage = started(restart);
+            stage.rti(RtiEvent::Joined(B));
+            stage.exits(B, DONE);
+            stage.pass(pause);
+            stage.rti(lost());
+            stage.pass(5_000);
+            stage.reported_once("it is lost");
+            end(&mut stage, None);
+            assert_eq!((stage.outcome(), stage.reports.len()), (Some(1), 1));
+        }
+    }
+}
+
+#[test]
+fn that_its_predecessor_ends_in_order_does_not_make_up_for_a_lost_one() {
+    for (restarts, slowly) in [(0, true), (1, true), (1, false)] {
+        let mut stage = running(RestartCondition::OnFailure);
+        for _ in 0..restarts {
+            kill(&mut stage);
+            stage.pass(200);
+            stage.rti(RtiEvent::Joined(B));
+        }
+        stage.rti(RtiEvent::Joined(B));
+        if slowly {
+            stage.rti(lost());
+            stage.pass(1_000);
+            stage.exits(B, DONE);
+        } else {
+            stage.exits(B, DONE);
+            stage.rti(lost());
+        }
+        stage.pass(5_000);
+        end(&mut stage, None);
+        assert_eq!((stage.outcome(), stage.reports.len()), (Some(1), 1 + restarts));
+    }
+}
+
+#[test]
+fn one_that_came_back_and_ended_before_its_last_tag_has_failed() {
+    let mut stage = running(RestartCondition::OnAbnormal);
+    kill(&mut stage);
+    stage.pass(200);
+    stage.rti(RtiEvent::Joined(B));
+    stage.exits(B, DONE);
+    stage.rti(lost());
+    stage.pass(600);
+    assert!(stage.reports[1].contains("federate b exited with code 0 before its last tag"));
+    end(&mut stage, None);
+    assert_eq!(stage.outcome(), Some(1));
+}
+
+#[test]
+fn one_that_is_refused_as_a_duplicate_has_not_failed() {
+    let duplicate =
+        || RtiEvent::Refused { name: "b".to_owned(), reason: hprm_federated::Refusal::Duplicate };
+    for restart in [None, Some(restart(RestartCondition::Always))] {
+        // The first process loads, and so does one that the user has started.
+        let mut stage = Stage::of(&program(restart));
+        stage.rti(RtiEvent::Joined(A));
+        stage.rti(RtiEvent::Started(PhysicalTime(0)));
+        stage.rti(RtiEvent::Joined(B));
+        stage.rti(duplicate());
+        stage.exits(B, FederateEnding::Code(1));
+        stage.pass(5_000);
+        assert_eq!((stage.started.len(), stage.reports.len()), (0, 1), "{:?}", stage.reports);
+        stage.reported_once("the RTI refuses a process as federate b: this federate has already");
+        end(&mut stage, None);
+        assert_eq!((stage.outcome(), stage.reports.len()), (Some(0), 1));
+    }
+    // The one that was refused is the user's: what the RTI tells is a failure of the own one.
+    let mut stage = running(RestartCondition::OnFailure);
+    stage.rti(duplicate());
+    stage.exits(B, FederateEnding::Code(1));
+    stage.rti(lost());
+    assert!(stage.reports[1].contains("it is lost; restart 1 follows"));
+}
+
+#[test]
+fn one_whose_place_is_taken_within_the_pause_is_not_started_again() {
+    let mut stage = running(RestartCondition::Always);
+    kill(&mut stage);
+    stage.pass(100);
+    stage.rti(RtiEvent::Joined(B));
+    stage.pass(5_000);
+    assert!(stage.reports[1].contains("b is not started again: another process has joined as it"));
+    assert_eq!((stage.started.len(), stage.reports.len()), (0, 2));
+    end(&mut stage, None);
+    assert_eq!((stage.outcome(), stage.reports.len()), (Some(1), 2));
+}
+
+#[test]
+fn one_that_joins_again_before_the_start_has_not_been_replaced() {
+    let mut stage = Stage::of(&program(Some(restart(RestartCondition::OnFailure))));
+    stage.rti(RtiEvent::Joined(B));
+    stage.rti(RtiEvent::Left(B));
+    stage.rti(RtiEvent::Joined(B));
+    stage.rti(RtiEvent::Joined(A));
+    stage.rti(RtiEvent::Started(PhysicalTime(0)));
+    kill(&mut stage);
+    stage.pass(200);
+    assert_eq!(stage.started.len(), 1);
+}
+
+#[test]
 fn one_that_does_not_answer_is_ended_and_started_again() {
     let mut stage = running(RestartCondition::OnAbnormal);
     stage.rti(lost());
@@ -222,7 +379,7 @@ fn one_that_does_not_answer_is_ended_and_started_again() {
 
 #[test]
 fn it_is_started_again_before_the_federation_starts_too() {
-    let mut stage = Stage::of(&program(restart(RestartCondition::OnFailure)));
+    let mut stage = Stage::of(&program(Some(restart(RestartCondition::OnFailure))));
     stage.exits(B, FederateEnding::Code(1));
     stage.pass(500);
     stage.rti(RtiEvent::Joined(A));
