@@ -61,7 +61,7 @@ RUNNING: set[int] = set()
 
 def ways(mutant: Mutant, allowed: tuple[str, ...]) -> list[tuple[str, int]]:
     """Return the tests that look for a mutant, in their order, and how long each may take."""
-    if mutant.file.startswith(RELAY):
+    if mutant.file.startswith(RELAY) and not mutant.found_by:
         return [("relay", PATIENCE)]
     hunts = [(hunt, PATIENCE) for hunt in allowed]
     if mutant.found_by and mutant.found_by.partition("::")[0] in allowed:
