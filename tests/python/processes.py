@@ -117,6 +117,13 @@ class Bench:
         """Run the text of a program to its end."""
         return finish(self.start(text, *options))
 
+    def ros_lines(self, text: str, *options: str) -> list[str]:
+        """Return the lines that a ROS 2 script prints, which ends well and warns of nothing."""
+        (self.folder / "one.py").write_text(text)
+        outcome = finish(self.call("ros", "run", *options, "one.py"))
+        assert (outcome.code, outcome.err) == (0, "")
+        return outcome.out.splitlines()
+
     def pid(self, name: str) -> int:
         """The process that wrote its number into a file, once it has."""
         file = self.folder / f"{name}.pid"

@@ -27,16 +27,9 @@ node = rclpy.create_node("node")
 
 
 @pytest.fixture
-def run(bench: Bench, tmp_path: Path):
+def run(bench: Bench):
     """Run a script, and return the lines it prints."""
-
-    def start(text: str) -> list[str]:
-        (tmp_path / "one.py").write_text(HEAD + text)
-        outcome = finish(bench.call("ros", "run", "one.py"))
-        assert (outcome.code, outcome.err) == (0, "")
-        return outcome.out.splitlines()
-
-    return start
+    return lambda text, *options: bench.ros_lines(HEAD + text, *options)
 
 
 DESTROYED = """

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
-from processes import Bench, finish
+from processes import Bench
 
 HEAD = """\
 import signal
@@ -25,16 +23,9 @@ def note(info: TimerInfo):
 
 
 @pytest.fixture
-def run(bench: Bench, tmp_path: Path):
+def run(bench: Bench):
     """Run a script, and return the lines it prints."""
-
-    def start(text: str, *options: str) -> list[str]:
-        (tmp_path / "one.py").write_text(HEAD + text)
-        outcome = finish(bench.call("ros", "run", *options, "one.py"))
-        assert (outcome.code, outcome.err) == (0, "")
-        return outcome.out.splitlines()
-
-    return start
+    return lambda text, *options: bench.ros_lines(HEAD + text, *options)
 
 
 def test_the_end_waits_for_no_timer_that_nothing_spins(run) -> None:

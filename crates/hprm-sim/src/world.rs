@@ -554,8 +554,8 @@ impl World {
 
     /// Whether a federate sleeps that heeds the board of this one.
     fn is_heeded(&self, me: Instance) -> bool {
-        let others = self.nodes.values().filter(|it| it.me != me && !it.is_over());
-        others.into_iter().any(|it| it.machine.heeds_boards())
+        let mut others = self.nodes.values().filter(|it| it.me != me && !it.is_over());
+        others.any(|it| it.machine.heeds_boards())
     }
 
     fn wake_released(&mut self, now: PhysicalTime, me: Instance) {

@@ -19,7 +19,7 @@ const FILES_EACH: u64 = 6;
 ///
 /// If it cannot be raised: some federate would find the RTI closed, without a reason.
 pub(super) fn check_files(federates: usize) -> Result<(), Failure> {
-    need_files(FILES + FILES_EACH * federates as u64, federates)
+    need_files(files_for(federates), federates)
 }
 
 /// Raises the limit of open files, if it is below what this process `needs` for so many federates.
@@ -39,7 +39,11 @@ pub fn need_files(needed: u64, federates: usize) -> Result<(), Failure> {
 /// Whether this process may have the descriptors of so many boards beside what it needs for each federate: all boards that
 /// federates read may be on their way through it at a time. Raises the limit, if it is below that.
 pub(crate) fn allow_boards(boards: usize, federates: usize) -> bool {
-    raise_files(FILES + FILES_EACH * federates as u64 + boards as u64).is_ok()
+    raise_files(files_for(federates) + boards as u64).is_ok()
+}
+
+fn files_for(federates: usize) -> u64 {
+    FILES + FILES_EACH * federates as u64
 }
 
 /// Raises the limit of open files, if it is below what this process needs; or returns the limit.
