@@ -30,6 +30,8 @@ pub(super) struct Showing {
     pub(super) boards: Boards,
     /// The federates that share no memory with this one.
     pub(super) elsewhere: Elsewhere,
+    /// Whether it sends to no federate, and none joins late, to which all show what they have counted.
+    is_last: bool,
     /// What it has posted last, but for its tallies.
     shown: Option<Shown>,
     /// When it posted last.
@@ -58,7 +60,9 @@ impl Federate {
         let elsewhere = Elsewhere::new();
         let shown_at = PhysicalTime(i64::MIN);
         let departing = BTreeMap::new();
-        self.showing = Some(Showing { boards, elsewhere, shown: None, shown_at, departing });
+        let is_last = !boards.has_downstream() && !self.topology.has_transients();
+        let shown = None;
+        self.showing = Some(Showing { boards, elsewhere, is_last, shown, shown_at, departing });
         for federate in self.topology.federates() {
             self.meet_on_boards(federate);
         }
@@ -216,7 +220,8 @@ impl Federate {
             machine.only_safe(showing.boards.known(&self.topology));
         }
         let says_less = showing.shown.is_some_and(|shown| shown.next >= certain);
-        let is_known = says_less && showing.boards.unshown() <= 1 && !departs;
+        let says_little = says_less && showing.boards.unshown() <= 1;
+        let is_known = !departs && (says_little || showing.matters_to_none());
         // Before that, nothing depends on it, and then this federate looks again. Often its messages tell it enough.
         if self.awaited(next, now, start) > Step::NEVER {
             self.learn_from_boards();
@@ -347,12 +352,20 @@ impl Federate {
 }
 
 impl Showing {
+    /// Whether no federate needs to know how far this one has got: it sends to none, and neither shows that it waits nor
+    /// asks federates elsewhere. Those that release it count its messages.
+    fn matters_to_none(&self) -> bool {
+        let does_not_wait = || self.shown.is_some_and(|shown| shown.waits == Step::NEVER);
+        self.is_last && self.elsewhere.is_empty() && does_not_wait()
+    }
+
     /// What is to be posted, if it is new. What only a clock changes is posted now and then.
     fn news(&mut self, now: PhysicalTime, new: Shown, by_clock: bool) -> Option<Posting> {
-        if let Some(shown) = self.shown.filter(|_| self.boards.unshown() == 0) {
+        if let Some(shown) = self.shown {
             let same = Shown { next: shown.next, ..new } == shown;
             let soon = by_clock && now < self.shown_at.plus(CLOCK_POST);
-            if same && (new.next == shown.next || soon) {
+            let is_told = new.next == shown.next || soon;
+            if same && (is_told && self.boards.unshown() == 0 || self.matters_to_none()) {
                 return None;
             }
         }

@@ -3,6 +3,7 @@
 mod dnet;
 mod elsewhere;
 mod lives;
+mod posting;
 
 use std::sync::Arc;
 

@@ -8,12 +8,12 @@ fn peer(id: u16, life: u32) -> Peer {
 }
 
 /// A federate that knows those others, has linked to them and has their boards.
-fn linked(text: &str, name: &str, others: &[u16]) -> Federate {
+pub(super) fn linked(text: &str, name: &str, others: &[u16]) -> Federate {
     let me = new(text, name).me();
     on_boards(text, name, others.iter().chain([&me.0]).map(|id| peer(*id, 1)).collect())
 }
 
-fn start(machine: &mut Federate, first: Tag) -> Vec<Output> {
+pub(super) fn start(machine: &mut Federate, first: Tag) -> Vec<Output> {
     input(machine, 0, Input::FromRti(Frame::Start { at: START, first }))
 }
 
@@ -22,7 +22,7 @@ fn gone(id: u16) -> Input {
 }
 
 /// What a federate has posted last.
-fn posted(outputs: &[Output]) -> Option<&Posting> {
+pub(super) fn posted(outputs: &[Output]) -> Option<&Posting> {
     outputs.iter().rev().find_map(|output| match output {
         Output::Post(posting) => Some(posting),
         _ => None,
