@@ -68,13 +68,12 @@ class Bench:
         self,
         *arguments: str,
         environment: dict[str, str] | None = None,
-        descriptors: int | None = None,
+        limit: str | None = None,
     ) -> subprocess.Popen[str]:
-        """Start the command, perhaps with so many descriptors and no more."""
+        """Start the command, perhaps within a limit, as ``ulimit`` takes it."""
         command = shutil.which("hprm", path=str(Path(sys.executable).parent))
         assert command is not None, "make build puts hprm beside python"
-        limited = ["sh", "-c", 'ulimit -n "$0" && exec "$@"', str(descriptors)]
-        before = limited if descriptors else []
+        before = ["bash", "-c", f'ulimit {limit} && exec "$0" "$@"'] if limit else []
         return self._spawn([*before, command, *arguments], environment or {})
 
     def python(
@@ -144,14 +143,14 @@ class Federation:
     id: str
     members: dict[str, subprocess.Popen[str]] = field(default_factory=dict)
 
-    def start(self, name: str, *options: str, descriptors: int | None = None) -> None:
+    def start(self, name: str, *options: str, limit: str | None = None) -> None:
         """Start the RTI, which is called `rti`, or a federate, which needs it."""
         if name == "rti":
             command = ["rti", "Main.lf", "--listen", self.address, *options]
         else:
             command = ["federate", "Main.lf", name, "--rti", self.address, *options]
         environment = {"HPRM_FEDERATION_ID": self.id}
-        member = self.bench.call(*command, environment=environment, descriptors=descriptors)
+        member = self.bench.call(*command, environment=environment, limit=limit)
         self.members[name] = member
         if name != "rti":
             return

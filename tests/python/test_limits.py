@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from processes import COORDINATIONS
+from processes import COORDINATIONS, Bench
 
 PROGRAM = """\
 target Python { timeout: 20 ms }
@@ -38,6 +38,16 @@ reactor Node {
 }
 federated reactor { first = new Node()  other = new[15] Node()
   first.out, other.out -> other.inp, first.inp after 10 ms }
+"""
+
+MESH = """\
+target Python { timeout: 20 ms }
+reactor Node {
+  preamble {= import resource =}
+  input[4] inp  output[4] out
+  reaction(startup) {= print(self.resource.getrlimit(self.resource.RLIMIT_NOFILE)[0]) =}
+}
+federated reactor { nodes = new[4] Node()  nodes.out -> interleaved(nodes.inp) after 10 ms }
 """
 
 
@@ -109,6 +119,18 @@ def test_federates_that_all_read_the_boards_of_all_need_no_more_descriptors_than
 ) -> None:
     done = run(tmp_path, limit, "centralized", program=RING)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_federates_that_are_started_by_hand_raise_the_limit_of_open_files(bench: Bench) -> None:
+    (bench.folder / "Main.lf").write_text(MESH)
+    federation = bench.federation()
+    federation.start("rti")
+    for node in range(4):
+        federation.start(f"nodes__{node}", limit="-S -n 20")
+    outcomes = federation.finish().items()
+    files = {name: outcome.out for name, outcome in outcomes if name != "rti"}
+    assert {name: outcome.err for name, outcome in outcomes if outcome.code} == {}
+    assert set(files.values()) == {"38\n"}
 
 
 @cache

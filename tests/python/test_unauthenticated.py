@@ -89,7 +89,7 @@ def listening_ports(pid: int) -> list[int]:
 @pytest.mark.parametrize("coordination", COORDINATIONS)
 def test_an_rti_with_few_descriptors_outlives_idle_clients(bench: Bench, coordination: str) -> None:
     federation = prepare(bench, coordination)
-    federation.start("rti", descriptors=40)
+    federation.start("rti", limit="-n 40")
     with idle_connections([port(federation.address)], IDLE):
         federation.start("camera")
         federation.start("planner")
@@ -99,7 +99,7 @@ def test_an_rti_with_few_descriptors_outlives_idle_clients(bench: Bench, coordin
 def test_a_federate_with_few_descriptors_outlives_idle_clients(bench: Bench) -> None:
     federation = prepare(bench, "decentralized")
     federation.start("rti")
-    federation.start("camera", descriptors=40)
+    federation.start("camera", limit="-n 40")
     federation.start("planner")
     until((bench.folder / "runs").exists, "the federation runs")
     with idle_connections(listening_ports(federation.members["camera"].pid), IDLE):

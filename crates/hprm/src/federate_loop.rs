@@ -34,6 +34,7 @@ use hprm_core::{
 use hprm_federated::{Carried, End, Frame, Input, Output, Permission};
 
 use crate::board::{BoardWriter, FederateState, Stage};
+use crate::launch::raise_for_federate;
 use crate::link::Network;
 use crate::link::descriptors::no_notifier;
 use crate::log::log_names;
@@ -106,6 +107,7 @@ where
 {
     if exchange.is_none() {
         log_names(&options.program);
+        raise_for_federate(options.program.federates.len());
     }
     let network = match exchange {
         Some(exchange) => exchange.network(),

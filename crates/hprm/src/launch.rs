@@ -37,7 +37,7 @@ use crate::{
     Address, Failure, FederationId, HangTimeout, Label, Report, RtiEvent, RtiHandle, Security,
 };
 pub use group::{GROUP_HOME, Group, GroupLimits};
-pub(crate) use limits::allow_boards;
+pub(crate) use limits::{allow_boards, raise_for_federate};
 pub use limits::{need_files, unstarted};
 pub use parent::die_with_parent;
 pub(crate) use signals::watch;

@@ -22,6 +22,11 @@ pub(super) fn check_files(federates: usize) -> Result<(), Failure> {
     need_files(files_for(federates), federates)
 }
 
+/// The same for a federate, whose loop says later what a limit has prevented.
+pub(crate) fn raise_for_federate(federates: usize) {
+    let _ = raise_files(files_for(federates));
+}
+
 /// Raises the limit of open files, if it is below what this process `needs` for so many federates.
 ///
 /// # Errors
