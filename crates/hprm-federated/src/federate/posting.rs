@@ -204,6 +204,9 @@ impl Federate {
         let Some(start) = self.startup.start().filter(|_| !self.ended) else { return };
         let Some(next) = self.next_on_boards() else { return };
         self.include_those_that_may_be(now.since(start));
+        if self.needs_no_posting(next, now, start) {
+            return;
+        }
         let departs = self.wants_to_leave && self.departure.is_none();
         let (Some(showing), Coordinator::Decentralized(machine)) =
             (&mut self.showing, &mut self.coordinator)
@@ -220,8 +223,7 @@ impl Federate {
             machine.only_safe(showing.boards.known(&self.topology));
         }
         let says_less = showing.shown.is_some_and(|shown| shown.next >= certain);
-        let says_little = says_less && showing.boards.unshown() <= 1;
-        let is_known = !departs && (says_little || showing.matters_to_none());
+        let is_known = says_less && showing.boards.unshown() <= 1 && !departs;
         // Before that, nothing depends on it, and then this federate looks again. Often its messages tell it enough.
         if self.awaited(next, now, start) > Step::NEVER {
             self.learn_from_boards();
@@ -233,6 +235,13 @@ impl Federate {
         self.tell_elsewhere(next);
         self.answer_about_departures();
         self.answer_about_arrivals();
+    }
+
+    /// Whether what this federate does matters to no other one, and it waits for none.
+    fn needs_no_posting(&self, next: Step, now: PhysicalTime, start: PhysicalTime) -> bool {
+        let matters_to_none = self.showing.as_ref().is_some_and(Showing::matters_to_none);
+        let waits = || self.awaited(next, now, start) > Step::NEVER;
+        matters_to_none && !self.wants_to_leave && (!waits() || self.begins_at_once(now, start))
     }
 
     /// Sends what this federate shows to those that need it, and to those for whose boards it waits. It tells the latter
@@ -361,11 +370,10 @@ impl Showing {
 
     /// What is to be posted, if it is new. What only a clock changes is posted now and then.
     fn news(&mut self, now: PhysicalTime, new: Shown, by_clock: bool) -> Option<Posting> {
-        if let Some(shown) = self.shown {
+        if let Some(shown) = self.shown.filter(|_| self.boards.unshown() == 0) {
             let same = Shown { next: shown.next, ..new } == shown;
             let soon = by_clock && now < self.shown_at.plus(CLOCK_POST);
-            let is_told = new.next == shown.next || soon;
-            if same && (is_told && self.boards.unshown() == 0 || self.matters_to_none()) {
+            if same && (new.next == shown.next || soon) {
                 return None;
             }
         }
