@@ -178,6 +178,51 @@ def test_what_is_made_after_the_start_takes_part(bench: Bench, write) -> None:
     assert (outcome.code, outcome.out) == (0, "[asks-1] late heard this\n"), outcome.err
 
 
+ANSWERS = """
+rclpy.init()
+node = Node("answers")
+def leave():
+    raise SystemExit
+def add(request, response):
+    if request.a == 3:
+        node.create_timer(0.05, leave)
+    response.sum = request.a + request.b
+    return response
+for name in ("first", "second", "third"):
+    node.create_service(AddTwoInts, name, add)
+rclpy.spin(node)
+"""
+
+ASKS_AT_ONCE = """
+rclpy.init()
+node = Node("asks")
+def tell(asked):
+    print("third", asked.result().sum)
+    rclpy.shutdown()
+def ask():
+    timer.cancel()
+    client = node.create_client(AddTwoInts, "third")
+    client.call_async(AddTwoInts.Request(a=3, b=0)).add_done_callback(tell)
+for name in ("first", "second"):
+    # The second one is made by a thread that holds a tag, and finds its service at once.
+    client = node.create_client(AddTwoInts, name)
+    assert client.wait_for_service(5.0)
+    asked = client.call_async(AddTwoInts.Request(a=1, b=1))
+    rclpy.spin_until_future_complete(node, asked, timeout_sec=5.0)
+    print(name, asked.result().sum)
+timer = node.create_timer(0.01, ask)
+rclpy.spin(node)
+"""
+
+
+def test_a_client_that_is_made_after_the_start_and_asks_at_once_gets_its_response(
+    bench: Bench, write
+) -> None:
+    write(answers=ANSWERS, asks=ASKS_AT_ONCE)
+    outcome = run(bench, "asks.py", "+", "answers.py")
+    assert outcome.out == "[asks-1] first 2\n[asks-1] second 2\n[asks-1] third 3\n", outcome.err
+
+
 SPINNING = """
 import threading
 rclpy.init()

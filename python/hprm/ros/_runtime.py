@@ -126,7 +126,7 @@ class Runtime:
             return
         # Too late for a connection.
         self._late.note(self._own_name(), endpoint)
-        self.request(lambda: self._announce("endpoint", asdict(endpoint)))
+        self._announce_first("endpoint", asdict(endpoint))
         if flow is not None and late is not None:
             if self._holds():
                 self._take_kept(flow, late)
@@ -139,7 +139,7 @@ class Runtime:
             self.meeting.declare_node(name)
             return
         self._late.note_node(self._own_name(), name)
-        self.request(lambda: self._announce("node", name))
+        self._announce_first("node", name)
 
     def withdraw_endpoint(self, endpoint: Endpoint) -> None:
         """Have an endpoint count no more, here and in other processes."""
@@ -683,6 +683,15 @@ class Runtime:
             if graph.is_bridged:
                 others.append(len(names))
             self._news.append((others, (kind, membership.name, what)))
+
+    def _announce_first(self, kind: str, what: Any) -> None:
+        """Tell others of what this thread has made, before what it sends by means of that."""
+        if self._holds():
+            self._announce(kind, what)
+            # What looks at the graph has done so at this tag, perhaps, so it does again.
+            self.request(self._see_graph)
+        else:
+            self.request(lambda: self._announce(kind, what))
 
     def _take_kept(self, flow: Flow, taker: LateTaker) -> None:
         """Let a late subscription take messages from now on, and before what was kept."""
