@@ -183,6 +183,17 @@ def test_what_a_script_publishes_is_recorded_until_ctrl_c(bench: Bench, words: l
         ]
 
 
+def test_two_signals_one_right_after_the_other_are_one(bench: Bench) -> None:
+    kind = "/chatter=std_msgs/msg/String"
+    process = called(bench, "record", "--output", "bag", kind, "+", "talker.py")
+    hear(process.stdout, "all is said\n")
+    # As the command `timeout` does, which sends the same one twice: of two kinds, both arrive.
+    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGTERM)
+    assert "messages of 1 topics" in finish(process).out
+    assert texts(bench.folder / "bag")
+
+
 KEEPS = """
 import rclpy
 from rclpy.node import Node

@@ -490,6 +490,8 @@ class Coordinator:
 
     def _signalled(self, number: int, _frame: object) -> None:
         """Note a signal: this may run in the middle of anything."""
+        if self._functions.is_again():
+            return
         if self._functions.note(number):
             self._wake()
         self._functions.interrupt()

@@ -16,6 +16,10 @@ from typing import TypeVar
 
 Result = TypeVar("Result")
 
+#: Signals within so many seconds count as one: the command `timeout` sends its own both to a
+#: process and to the group of that.
+ONE_SIGNAL_S = 0.1
+
 
 class Interrupted(KeyboardInterrupt):
     """A function of a launch file does not go on, because of a signal."""
@@ -36,6 +40,7 @@ class Functions:
         self.until: float | None = None
         self._is_within = False
         self._is_late = False
+        self._noted_at = -ONE_SIGNAL_S
 
     def call(self, function: Callable[..., Result], *arguments: object) -> Result:
         """Call a function; raise ``Interrupted`` if it does not go on."""
@@ -55,10 +60,15 @@ class Functions:
                 if timer.is_alive():
                     timer.join()
 
+    def is_again(self) -> bool:
+        """Return, in the handler of a signal, whether it is the one that has just been noted."""
+        return not self._is_late and time.monotonic() < self._noted_at + ONE_SIGNAL_S
+
     def note(self, number: int) -> bool:
         """Note a signal, in its handler; return whether it is none of ``_end``."""
         is_late, self._is_late = self._is_late, False
         if not is_late:
+            self._noted_at = time.monotonic()
             self.came.append(number)
         return not is_late
 
