@@ -159,6 +159,8 @@ def test_what_cannot_be_played_is_one_error(bench: Bench) -> None:
         text = class_of("std_msgs/msg/String")
         writer.put("/chatter", text, 1, text())
     finish(called(bench, "play", "--loop", "point")).assert_one_error("takes no time")
+    late = called(bench, "play", "--start-offset", "1.5", "point")
+    finish(late).assert_one_error("point takes 0 s, and --start-offset 1.5 is after that")
     assert finish(called(bench, "play", "--rate", "0", "point")).code == 2
 
 

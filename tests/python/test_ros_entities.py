@@ -217,7 +217,7 @@ from rclpy import signals
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 
-print(signals.get_current_signal_handlers_options().name)
+print(signals.get_current_signal_handlers_options())
 print(rclpy_implementation.RCLError.__name__)
 print(node.get_node_names_and_namespaces_with_enclaves())
 signals.install_signal_handlers(SignalHandlerOptions.SIGTERM)
@@ -237,7 +237,13 @@ def test_signals_end_a_program_again_after_the_shutdown(bench: Bench, tmp_path: 
     outcome = finish(bench.call("ros", "run", "one.py"))
     assert outcome.code in (143, -15), outcome.err
     nodes = "[('node', '/', '/')]"
-    assert outcome.out.splitlines() == ["ALL", "RCLError", nodes, "SIGTERM", "NO"]
+    assert outcome.out.splitlines() == [
+        "SignalHandlerOptions.ALL",
+        "RCLError",
+        nodes,
+        "SIGTERM",
+        "NO",
+    ]
 
 
 NAMES = """

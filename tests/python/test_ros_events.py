@@ -220,7 +220,12 @@ try:
     Node("two").create_subscription(String, "news", print, 1, content_filter_options="data = 'x'")
 except NotImplementedError as error:
     print(error)
-for name in ("type_description_service", "experimental", "nothing"):
+for name in (
+    "type_description_service",
+    "experimental",
+    "subscription_content_filter_options",
+    "nothing",
+):
     try:
         __import__(f"rclpy.{name}")
     except ModuleNotFoundError as error:
@@ -236,6 +241,9 @@ def test_what_is_left_out_says_so(run) -> None:
         " their types",
         "  hint: the handbook page howto/rclpy says what there is not",
         "hprm.ros has no rclpy.experimental: there is one kind of loop for all executors",
+        "  hint: the handbook page howto/rclpy says what there is not",
+        "hprm.ros has no rclpy.subscription_content_filter_options: a subscription gets all"
+        " messages of its topic",
         "  hint: the handbook page howto/rclpy says what there is not",
         "No module named 'rclpy.nothing'",
     ]

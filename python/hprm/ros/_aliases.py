@@ -42,6 +42,7 @@ NAMES = {
 #: What programs may import from rclpy that is left out, and why.
 LEFT_OUT = {
     "rclpy.type_description_service": "nodes do not serve the descriptions of their types",
+    "rclpy.subscription_content_filter_options": "a subscription gets all messages of its topic",
     "rclpy.experimental": "there is one kind of loop for all executors",
     "rclpy.waitable": "what executors wait for are timers, subscriptions, services, clients, guard"
     " conditions and events",

@@ -16,6 +16,9 @@ class SignalHandlerOptions(IntFlag):
     SIGTERM = 2
     ALL = 3
 
+    def __str__(self) -> str:
+        return f"{type(self).__name__}.{self.name}"
+
 
 _NUMBERS = {
     SignalHandlerOptions.SIGINT: signal.SIGINT,

@@ -113,6 +113,10 @@ def _opened(options: argparse.Namespace) -> BagReader:
     if options.loop and bag.info.duration == 0:
         bag.close()
         raise BagError(f"{bag.path} takes no time, so it cannot be played in a loop")
+    if options.start_offset * 1e9 > bag.info.duration:
+        bag.close()
+        takes, offset = bag.info.duration / 1e9, options.start_offset
+        raise BagError(f"{bag.path} takes {takes:g} s, and --start-offset {offset:g} is after that")
     return bag
 
 
