@@ -4,22 +4,23 @@ mod belonging;
 
 use std::collections::BTreeMap;
 use std::io::Write;
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::AsFd;
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use hprm::agent::{Answer, Place, Request};
-use hprm::{Clock, ShippingService, random_bytes};
+use hprm::{Clock, Pipe, SHIPMENTS, ShippingDock, ShippingService, WantedLink, random_bytes};
 use hprm_core::{Nanos, PhysicalTime};
-use hprm_federated::relay::{Input, Relay};
+use hprm_federated::relay::{Bytes, Input, Relay};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::Failure;
-use crate::carrier::{AgentId, Carrier, Event, LinkId, Opening};
+use crate::carrier::{AgentId, Carrier, Event, LinkId, Opening, Way};
 use crate::link::Link;
 use crate::local::{Local, answer};
 use crate::membership::Membership;
+use crate::near::Near;
 use crate::options::Options;
 use crate::others::{Others, Reached};
 use crate::renewal::Daily;
@@ -50,7 +51,8 @@ struct Agent {
     others: Others,
     /// Since when an older agent of the same name is there.
     rival_since: Option<PhysicalTime>,
-    /// Whether the shipping service leads what others send one another.
+    /// Where the shipping service is, and whether it leads what others send one another.
+    dock: ShippingDock,
     leads_shipments: Arc<AtomicBool>,
 }
 
@@ -74,7 +76,7 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
     let carrier = Carrier::open(options, options.credentials.as_ref(), me.clone(), limited)?;
     let (links, others) = (BTreeMap::new(), Others::default());
     let (ready, rival_since) = (Vec::new(), None);
-    let shipping = ShippingService::open(&options.name).map_err(system)?;
+    let (shipping, dock) = ShippingService::open(&options.name).map_err(system)?;
     let leads_shipments = shipping.leads();
     leads_shipments.store(options.is_router(options.credentials.as_ref()), Ordering::Relaxed);
     let mut agent = Agent {
@@ -88,6 +90,7 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
         ready,
         others,
         rival_since,
+        dock,
         leads_shipments,
     };
     let leads = match options.is_router(options.credentials.as_ref()) {
@@ -122,12 +125,12 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Has a thread take large values to other machines. It asks the agent for links, as processes do.
+/// Has a thread take large values to other machines.
 fn ship(service: ShippingService) -> std::io::Result<()> {
     let thread = std::thread::Builder::new().name("shipping".to_owned());
     let ship = move || {
         let Err(error) = service.run();
-        // Its connection with the agent breaks when that ends.
+        // It ends when the agent does.
         if error.kind() != std::io::ErrorKind::BrokenPipe {
             eprintln!("warning: this agent ships no large values any more: {error}");
         }
@@ -157,14 +160,18 @@ impl Agent {
         let mut fds = vec![
             PollFd::from_borrowed_fd(stop.as_fd(), PollFlags::IN),
             PollFd::from_borrowed_fd(self.carrier.as_fd(), PollFlags::IN),
+            PollFd::from_borrowed_fd(self.dock.as_fd(), PollFlags::IN),
         ];
         let watched = self.membership.as_ref().map(AsFd::as_fd);
         fds.extend(watched.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)));
         let local = self.local.descriptors();
         fds.extend(local.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)));
         let before = fds.len();
-        let interests = || self.links.iter().filter_map(|(id, link)| Some((id, link.interest()?)));
-        fds.extend(interests().map(|(_, (socket, flags))| PollFd::new(socket, flags)));
+        let mut waiting = Vec::new();
+        for (id, link) in &self.links {
+            fds.extend(link.interests());
+            waiting.resize(fds.len() - before, id);
+        }
         let rival = self.rival_since.map(|since| since.plus(LEASE));
         let roster = self.membership.as_ref().map(Membership::next_wakeup);
         let wakeups = self.links.values().map(Link::next_wakeup).chain(rival).chain(roster);
@@ -180,8 +187,9 @@ impl Agent {
             return false;
         }
         let is_ready = |fd: &PollFd<'_>| !fd.revents().is_empty();
-        let ready = interests().zip(&fds[before..]).filter(|(_, fd)| is_ready(fd));
-        let ready: Vec<_> = ready.map(|((id, _), _)| id.clone()).collect();
+        let ready = waiting.into_iter().zip(&fds[before..]).filter(|(_, fd)| is_ready(fd));
+        let mut ready: Vec<_> = ready.map(|(id, _)| id.clone()).collect();
+        ready.dedup();
         let stops = is_ready(&fds[0]);
         self.ready = ready;
         stops
@@ -212,7 +220,7 @@ impl Agent {
         self.links.values_mut().for_each(|link| link.catch_up(now));
     }
 
-    fn packet(&mut self, now: PhysicalTime, id: &LinkId, packet: Vec<u8>) {
+    fn packet(&mut self, now: PhysicalTime, id: &LinkId, packet: Bytes) {
         match self.links.get_mut(id) {
             Some(link) => link.packet(now, packet),
             None => self.refuse(id, &packet),
@@ -234,40 +242,53 @@ impl Agent {
     }
 
     fn accept(&mut self, now: PhysicalTime, id: &LinkId, name: &str) -> Result<(), Answer> {
-        let (here, from) = (&self.me.machine, &id.agent.machine);
-        let refused = |error: &dyn std::fmt::Display| {
-            Answer::Refused(format!("the agent of {here} cannot open a link: {error}"))
-        };
+        let from = &id.agent.machine;
         if self.links.contains_key(id) || self.links.len() >= LINKS {
-            return Err(refused(&format!("it has {} links", self.links.len())));
+            return Err(self.refused(&format!("it has {} links", self.links.len())));
         }
         if let Some(router) = id.router.as_ref().filter(|_| self.others.reaches(from)) {
             // A router is believed only of those that it alone reaches.
+            let here = &self.me.machine;
             let text = format!("the agent of {here} reaches {from}, and not through {router}");
             return Err(Answer::Absent(text));
         }
-        let (mine, other) = UnixStream::pair().map_err(|error| refused(&error))?;
-        mine.set_nonblocking(true).map_err(|error| refused(&error))?;
-        let way = self.carrier.way(id).map_err(|error| refused(&error))?;
-        let epoch = epoch().map_err(|error| refused(&error))?;
-        if Starters::is_meant(name) {
-            self.starters.start(&other).map_err(Answer::Refused)?;
-        } else if !self.local.hand_over(name, &other) {
-            return Err(Answer::Absent(absent(here, name)));
-        }
+        let way = self.carrier.way(id).map_err(|error| self.refused(&error))?;
+        let epoch = epoch().map_err(|error| self.refused(&error))?;
+        let near = match name {
+            SHIPMENTS => self.accept_shipments()?,
+            _ => self.accept_process(name)?,
+        };
+        let here = &self.me.machine;
+        let near = near.ok_or_else(|| Answer::Absent(absent(here, name)))?;
         let what = format!("of {from} to agent:{here}/{name}{}", through(id));
-        let mut link = Link::new(epoch, way, what, mine);
+        let mut link = Link::new(epoch, way, what, near);
         link.opened(now);
         self.links.insert(id.clone(), link);
         Ok(())
     }
 
+    /// Hands a link to the shipping service; none if that has ended.
+    fn accept_shipments(&self) -> Result<Option<Near>, Answer> {
+        let (mine, theirs) = Pipe::pair().map_err(|error| self.refused(&error))?;
+        Ok(self.dock.hand_over(theirs).then(|| Near::shipping(mine)))
+    }
+
+    /// Hands a link to the process that listens under a name, or starts one; none if there is none.
+    fn accept_process(&mut self, name: &str) -> Result<Option<Near>, Answer> {
+        let (mine, other) = UnixStream::pair().map_err(|error| self.refused(&error))?;
+        mine.set_nonblocking(true).map_err(|error| self.refused(&error))?;
+        if Starters::is_meant(name) {
+            self.starters.start(&other).map_err(Answer::Refused)?;
+        } else if !self.local.hand_over(name, &other) {
+            return Ok(None);
+        }
+        Ok(Some(Near::Process(mine)))
+    }
+
     /// The other machine has opened a link, or has not.
     fn opened(&mut self, now: PhysicalTime, id: &LinkId, opened: Answer) {
         let Some(link) = self.links.get_mut(id) else { return };
-        if let Some(socket) = link.socket() {
-            answer(socket, &opened);
-        }
+        link.answer(&opened);
         match opened {
             Answer::Done(_) => link.opened(now),
             Answer::Absent(why) | Answer::Refused(why) => {
@@ -327,6 +348,7 @@ impl Agent {
     }
 
     fn take_requests(&mut self) {
+        self.dock.wanted().into_iter().for_each(|wanted| self.connect_shipping(wanted));
         for (stream, request) in self.local.requests() {
             match request {
                 Request::Listen(place) => self.local.register(&self.me.machine, &place, stream),
@@ -351,39 +373,59 @@ impl Agent {
         }
     }
 
+    /// A process wants a link to another machine.
     fn connect(&mut self, place: &Place, stream: UnixStream) {
-        let now = Clock::local();
-        let Place { machine, name } = place;
-        let Some(other) = self.others.find(machine, now) else {
-            let known = self.machines(now).join(", ");
-            let text = format!("no agent has the name {machine}; there are: {known}");
-            return answer(&stream, &Answer::Absent(text));
-        };
-        match self.begin(other, place, &stream) {
-            Ok((id, link)) => {
-                self.carrier.open_link(&id, name);
-                self.links.insert(id, link);
-            }
-            Err(why) => answer(&stream, &Answer::Refused(why)),
+        match self.other_end(place) {
+            Ok(other) => self.begin(other, place, Near::Process(stream)),
+            Err(why) => answer(&stream, &Answer::Absent(why)),
         }
     }
 
-    /// A link of which the other end is not there yet.
-    fn begin(
-        &self,
-        other: Reached,
-        place: &Place,
-        stream: &UnixStream,
-    ) -> Result<(LinkId, Link), String> {
+    /// The shipping service wants one.
+    fn connect_shipping(&mut self, wanted: WantedLink) {
+        let place = Place { machine: wanted.machine.clone(), name: SHIPMENTS.to_owned() };
+        match (self.other_end(&place), Pipe::pair()) {
+            (Ok(other), Ok((mine, theirs))) => {
+                self.begin(other, &place, Near::wanted(mine, wanted, theirs));
+            }
+            (Err(why), _) => wanted.answer(Err(std::io::Error::other(why))),
+            (_, Err(error)) => wanted.answer(Err(error)),
+        }
+    }
+
+    /// Where a link to a place on another machine leads, or why there is none.
+    fn other_end(&self, place: &Place) -> Result<Reached, String> {
+        let now = Clock::local();
+        self.others.find(&place.machine, now).ok_or_else(|| {
+            let known = self.machines(now).join(", ");
+            format!("no agent has the name {}; there are: {known}", place.machine)
+        })
+    }
+
+    fn refused(&self, error: &dyn std::fmt::Display) -> Answer {
+        Answer::Refused(format!("the agent of {} cannot open a link: {error}", self.me.machine))
+    }
+
+    /// Begins a link of which the other end is not there yet.
+    fn begin(&mut self, other: Reached, place: &Place, mut near: Near) {
+        match self.new_link(other) {
+            Ok((id, epoch, way)) => {
+                let what = format!("to agent:{place}{}", through(&id));
+                self.carrier.open_link(&id, &place.name);
+                self.links.insert(id, Link::new(epoch, way, what, near));
+            }
+            Err(why) => near.answer(&Answer::Refused(why)),
+        }
+    }
+
+    /// The number of a new link, that of the life of this end, and its way.
+    fn new_link(&self, other: Reached) -> Result<(LinkId, u64, Way), String> {
         if self.links.len() >= LINKS {
             return Err(format!("the agent of {} has {LINKS} links already", self.me.machine));
         }
-        let failed = |error: std::io::Error| format!("the agent cannot open a link: {error}");
-        let socket = OwnedFd::from(stream.try_clone().map_err(failed)?);
         let id = LinkId { agent: other.agent, number: epoch()?, router: other.router };
         let way = self.carrier.way(&id)?;
-        let what = format!("to agent:{place}{}", through(&id));
-        Ok((id, Link::new(epoch()?, way, what, socket.into())))
+        Ok((id, epoch()?, way))
     }
 
     /// The machine next on the way to another one.
@@ -413,7 +455,7 @@ impl Agent {
         let now = Clock::local();
         for id in std::mem::take(&mut self.ready) {
             if let Some(link) = self.links.get_mut(&id).filter(|link| link.is_open()) {
-                link.socket_ready(now);
+                link.near_ready(now);
             }
         }
         for link in self.links.values_mut() {

@@ -25,7 +25,7 @@ use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::time::Duration;
 
 use hprm::agent::{Answer, Limited, is_name};
-use hprm_federated::relay::{FRAME_LIMIT, Packet};
+use hprm_federated::relay::{Bytes, FRAME_LIMIT, Packet};
 use rustix::event::{EventfdFlags, eventfd};
 use serde::{Deserialize, Serialize};
 use zenoh::Wait;
@@ -69,6 +69,9 @@ const _: () = assert!(FRAME <= FRAME_LIMIT);
 /// The most bytes of a frame that is copied behind its header. A longer one is handed to Zenoh as it is.
 const COPIED: usize = 4 << 10;
 
+/// The most bytes of a packet that is copied out of the batch in which it has come.
+const HELD: usize = 32 << 10;
+
 /// The most bytes of what Zenoh puts together from pieces, from each of those that send; more is dropped. A roster is the
 /// longest.
 const MESSAGE_LIMIT: usize = 4 << 20;
@@ -106,7 +109,7 @@ pub(crate) struct LinkId {
 #[derive(Debug)]
 pub(crate) enum Event {
     /// A packet of a link has come.
-    Packet { link: LinkId, packet: Vec<u8> },
+    Packet { link: LinkId, packet: Bytes },
     /// Another agent wants to open a link.
     Opening(Opening),
     /// A link that this agent wanted to open is open, or is not.
@@ -466,7 +469,7 @@ fn declare(
             if let Some(link) = link_of(sample.key_expr().as_str())
                 && sample.payload().len() <= PACKET_LIMIT
             {
-                into.put(Event::Packet { link, packet: sample.payload().to_bytes().into_owned() });
+                into.put(Event::Packet { link, packet: bytes_of(sample.payload()) });
             }
         });
         declared.wait()
@@ -511,6 +514,25 @@ fn declare(
         })?,
         _token: session.liveliness().declare_token(format!("{ROOT}/machines/{me}")).wait()?,
     })
+}
+
+/// The bytes of a packet. Of a long one, they stay in the buffer into which the session has read a batch: it is most of that. A
+/// short one is copied, so that it does not hold a buffer in which there may be little else.
+fn bytes_of(payload: &ZBytes) -> Bytes {
+    let mut slices = payload.slices();
+    match (slices.next(), slices.next()) {
+        (Some(only), None) if only.len() > HELD => Bytes::of(Whole(payload.clone())),
+        _ => payload.to_bytes().into_owned().into(),
+    }
+}
+
+/// What is in one piece.
+struct Whole(ZBytes);
+
+impl AsRef<[u8]> for Whole {
+    fn as_ref(&self) -> &[u8] {
+        self.0.slices().next().unwrap_or_default()
+    }
 }
 
 /// What another agent asks for, if it is well-formed.
@@ -583,4 +605,26 @@ fn config(
         })?;
     }
     Ok(config)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_a_packet_only_long_ones_in_one_piece_stay_where_they_are() {
+        let place = |payload: &ZBytes| payload.slices().next().map(<[u8]>::as_ptr);
+        for (len, stays) in [(0, false), (HELD, false), (HELD + 1, true)] {
+            let payload = ZBytes::from(vec![7; len]);
+            let bytes = bytes_of(&payload);
+            assert_eq!(*bytes, vec![7; len]);
+            assert_eq!(Some(bytes.as_ptr()) == place(&payload), stays, "of {len}");
+            drop(payload);
+            assert_eq!(*bytes, vec![7; len]);
+        }
+        let mut pieces = ZBytes::writer();
+        pieces.append(vec![1; HELD + 1].into());
+        pieces.append(vec![2; HELD + 1].into());
+        assert_eq!(*bytes_of(&pieces.finish()), [[1; HELD + 1], [2; HELD + 1]].concat());
+    }
 }

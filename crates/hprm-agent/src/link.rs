@@ -1,18 +1,16 @@
-//! One end of a link between machines: a relayed link, and the socket to the process at this end.
+//! One end of a link between machines: a relayed link, and what is at this end (`near.rs`).
 
 use std::collections::VecDeque;
-use std::io::{self, Write};
-use std::net::Shutdown;
-use std::os::unix::net::UnixStream;
+use std::io;
 
+use hprm::agent::Answer;
 use hprm::printable;
 use hprm_core::PhysicalTime;
 use hprm_federated::relay::{Bytes, End, Input, Output, Relay};
-use rustix::buffer::spare_capacity;
-use rustix::event::PollFlags;
-use rustix::io::Errno;
+use rustix::event::PollFd;
 
 use crate::carrier::{FRAME, Way};
+use crate::near::Near;
 
 /// See the module.
 pub(crate) struct Link {
@@ -23,7 +21,7 @@ pub(crate) struct Link {
     /// Which link it is, for people.
     what: String,
     /// The process at this end, as long as it is there.
-    socket: Option<UnixStream>,
+    near: Option<Near>,
     /// Whether the process at the other end is known to be there.
     is_open: bool,
     /// Whether it sends no more.
@@ -43,14 +41,14 @@ pub(crate) struct Link {
 
 impl Link {
     /// A link whose other end may not be there yet, with the number of the life of this one.
-    pub(crate) fn new(epoch: u64, way: Way, what: String, socket: UnixStream) -> Self {
+    pub(crate) fn new(epoch: u64, way: Way, what: String, near: Near) -> Self {
         Self {
             epoch,
             // Nothing leaves it before the link is open, but that it never will be.
             relay: Relay::new(epoch, PhysicalTime::FOREVER),
             way,
             what,
-            socket: Some(socket),
+            near: Some(near),
             is_open: false,
             has_finished: false,
             unread: VecDeque::new(),
@@ -81,19 +79,17 @@ impl Link {
         self.is_open
     }
 
-    /// The socket to the process at this end, for an answer.
-    pub(crate) fn socket(&self) -> Option<&UnixStream> {
-        self.socket.as_ref()
+    /// Tells the process at this end, which has asked for the link, whether it is open.
+    pub(crate) fn answer(&mut self, opened: &Answer) {
+        self.near.iter_mut().for_each(|near| near.answer(opened));
     }
 
-    /// What to wait for at the socket.
-    pub(crate) fn interest(&self) -> Option<(&UnixStream, PollFlags)> {
-        let socket = self.socket.as_ref().filter(|_| self.is_open)?;
-        let mut flags = PollFlags::empty();
-        flags.set(PollFlags::IN, !self.has_finished && self.relay.room() > 0);
-        flags.set(PollFlags::OUT, !self.unread.is_empty());
-        // Without a flag, the end of the process would be told again and again.
-        (!flags.is_empty()).then_some((socket, flags))
+    /// What to wait for at this end.
+    pub(crate) fn interests(&self) -> impl Iterator<Item = PollFd<'_>> {
+        let near = self.near.as_ref().filter(|_| self.is_open);
+        let reads = !self.has_finished && self.relay.room() > 0;
+        let writes = !self.unread.is_empty();
+        near.into_iter().flat_map(move |near| near.interests(reads, writes)).flatten()
     }
 
     pub(crate) fn next_wakeup(&self) -> PhysicalTime {
@@ -105,7 +101,7 @@ impl Link {
 
     /// Whether nothing of the link is left.
     pub(crate) fn is_over(&self, now: PhysicalTime) -> bool {
-        self.relay.is_over(now) && self.socket.is_none()
+        self.relay.is_over(now) && self.near.is_none()
     }
 
     /// Takes what has happened to the link, and does what follows. Before it is open, the other agent may not know it, and
@@ -119,7 +115,7 @@ impl Link {
     }
 
     /// Takes a packet. What follows is done when all packets have been taken that are there: one answer is enough.
-    pub(crate) fn packet(&mut self, now: PhysicalTime, packet: Vec<u8>) {
+    pub(crate) fn packet(&mut self, now: PhysicalTime, packet: Bytes) {
         if self.is_open || self.ended.is_some() {
             self.take(now, Input::Packet(packet));
             self.is_behind = true;
@@ -144,8 +140,8 @@ impl Link {
         self.handle(now, Input::Abort(why));
     }
 
-    /// The socket may be ready.
-    pub(crate) fn socket_ready(&mut self, now: PhysicalTime) {
+    /// The process at this end may have written something, or takes more.
+    pub(crate) fn near_ready(&mut self, now: PhysicalTime) {
         self.read(now);
         self.proceed(now);
     }
@@ -153,22 +149,20 @@ impl Link {
     /// Reads what the process sends, as far as the link takes it.
     fn read(&mut self, now: PhysicalTime) {
         while !self.has_finished && self.relay.room() > 0 {
-            let Some(socket) = self.socket.as_ref() else { return };
+            let Some(near) = self.near.as_ref() else { return };
             let room = self.relay.room().min(FRAME);
-            // It is read into what leaves, and as long as a frame may be: how much there is, is not known before.
-            let mut frame = Vec::with_capacity(room);
-            match rustix::io::read(socket, spare_capacity(&mut frame)) {
-                Ok(0) => self.finish(now),
-                Ok(len) => {
-                    frame.shrink_to_fit();
+            match near.read(room) {
+                Ok(None) => self.finish(now),
+                Ok(Some(frame)) => {
+                    let was_all = near.is_read_by(frame.len(), room);
                     self.handle(now, Input::Frame(frame));
-                    if len < room / 2 {
+                    if was_all {
                         // There was no more of it, or the next wait says so.
                         return;
                     }
                 }
-                Err(Errno::AGAIN) => return,
-                Err(Errno::INTR) => {}
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 // The process has ended, and has not read all that it was sent.
                 Err(_) => self.finish(now),
             }
@@ -191,7 +185,7 @@ impl Link {
                 break;
             }
         }
-        self.end_socket();
+        self.end_near();
     }
 
     fn obey(&mut self, output: Output) {
@@ -204,12 +198,12 @@ impl Link {
     }
 
     /// Tells the process what has ended.
-    fn end_socket(&mut self) {
+    fn end_near(&mut self) {
         match &self.ended {
-            Some(End::Finished) if self.unread.is_empty() => self.socket = None,
+            Some(End::Finished) if self.unread.is_empty() => self.near = None,
             Some(End::Finished) => {}
             Some(end) => {
-                if self.socket.take().is_some() && self.is_open {
+                if self.near.take().is_some() && self.is_open {
                     // The other end may say anything.
                     let why = end.to_string();
                     eprintln!("the link {} has ended: {}", self.what, printable(&why));
@@ -218,9 +212,7 @@ impl Link {
             }
             None if self.is_finished && self.unread.is_empty() && !self.has_told => {
                 self.has_told = true;
-                let closed = self.socket.as_ref().map(|socket| socket.shutdown(Shutdown::Write));
-                // The process may be gone already.
-                drop(closed);
+                self.near.iter().for_each(Near::finish);
             }
             None => {}
         }
@@ -232,8 +224,8 @@ impl Link {
         while self.is_open
             && let Some(frame) = self.unread.front()
         {
-            let written = match self.socket.as_ref().filter(|_| !self.is_deaf) {
-                Some(mut socket) => socket.write(&frame[self.taken..]),
+            let written = match self.near.as_ref().filter(|_| !self.is_deaf) {
+                Some(near) => near.write(frame, self.taken),
                 None => Ok(frame.len() - self.taken),
             };
             match written {

@@ -9,7 +9,7 @@ use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
 
 use hprm::agent::{Answer, LINE_LIMIT, Place, Request, Rest, agent_address};
-use hprm::{Address, Clock};
+use hprm::{Address, Clock, SHIPMENTS};
 use hprm_core::PhysicalTime;
 use rustix::net::{SendAncillaryBuffer, SendAncillaryMessage, SendFlags, sendmsg, sockopt};
 
@@ -123,7 +123,7 @@ impl Local {
             Some(format!("this machine is {machine}: listen at agent:{machine}/{}", place.name))
         } else if Starters::is_meant(&place.name) {
             Some(format!("agent:{machine}/{} is where the agent starts programs", place.name))
-        } else if self.registrations.contains_key(&place.name) {
+        } else if self.registrations.contains_key(&place.name) || place.name == SHIPMENTS {
             Some(format!("another process listens at agent:{machine}/{} already", place.name))
         } else {
             None

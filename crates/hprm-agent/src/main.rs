@@ -20,6 +20,7 @@ mod limits;
 mod link;
 mod local;
 mod membership;
+mod near;
 mod options;
 mod others;
 mod renewal;

@@ -68,13 +68,13 @@ const PAUSED: Nanos = 500_000_000;
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub enum Input {
     /// A frame to be sent. It must be no longer than [`Relay::room`].
-    Frame(Vec<u8>),
+    Frame(Bytes),
     /// No more frames will be sent from this end. Those of the other end still come.
     Finish,
     /// The link is to end at once, whatever is on its way; the text says why, for people.
     Abort(String),
     /// The carrier brings a packet.
-    Packet(Vec<u8>),
+    Packet(Bytes),
     /// The reader has taken a frame of so many bytes.
     Taken(usize),
     /// The carrier works, as far as it tells; so it does at first.
@@ -258,7 +258,7 @@ impl Relay {
             Input::Frame(bytes) if bytes.len() > self.room() || self.room() == 0 => {
                 return Err(NoRoom(bytes.len()));
             }
-            Input::Frame(bytes) => self.outgoing.give(Item::Frame(bytes.into())),
+            Input::Frame(bytes) => self.outgoing.give(Item::Frame(bytes)),
             Input::Finish if self.ended.is_none() && !self.outgoing.is_finished() => {
                 self.outgoing.give(Item::Finish);
             }
@@ -390,12 +390,12 @@ impl Relay {
         }
     }
 
-    fn packet(&mut self, packet: Vec<u8>) {
+    fn packet(&mut self, packet: Bytes) {
         let Some((header, bytes)) = Header::decode(&packet) else {
             self.dropped.unreadable += 1;
             return;
         };
-        let from = packet.len() - bytes.len();
+        let frame = packet.len() - bytes.len()..packet.len();
         if let Body::Reset(reason) = header.body {
             let is_peer = self.peer.is_none_or(|peer| peer == header.from);
             if header.to == self.epoch || header.to == 0 && is_peer {
@@ -420,7 +420,7 @@ impl Relay {
         self.asked = None;
         self.carrier_works();
         self.must_answer |= header.asks;
-        if let Err(violation) = self.take(header, Bytes::behind(packet, from)) {
+        if let Err(violation) = self.take(header, packet.part(frame)) {
             self.end(End::Broken(violation), Reason::Broken);
         }
     }

@@ -91,7 +91,7 @@ pub use program::{
 pub use random::{random_bytes, random_federation};
 pub use realtime::enter_realtime;
 pub use rti_loop::{Rti, RtiEvent, RtiHandle, RtiOptions};
-pub use shipping::{SHIPMENTS, ShippingService};
+pub use shipping::{Pipe, SHIPMENTS, ShippingDock, ShippingService, WantedLink};
 pub use shown::{printable, printable_lines};
 pub use staging::{STAGE, Stage, is_stage_of};
 pub use stall::{ReactionRun, Stall, StallWatch};

@@ -33,10 +33,7 @@ use crate::notifier::Notifier;
 use crate::wait::Deadline;
 pub(crate) use acceptor::LinkAcceptor;
 pub use address::{Address, AddressError};
-pub(crate) use agents::{
-    accept as accept_from_agent, ask_for_machines, connect_through_agent,
-    listen as listen_at_agent, route as route_through_agent,
-};
+pub(crate) use agents::{ask_for_machines, connect_through_agent, route as route_through_agent};
 pub(crate) use descriptors::{advice as descriptor_advice, is_shortage};
 pub(crate) use ends::CloseInChild;
 pub(crate) use keys::Keys;

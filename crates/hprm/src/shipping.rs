@@ -16,17 +16,20 @@
 //! federation here. `outgoing.rs` is what leaves for one machine, `incoming.rs` what comes from one, `content.rs` the
 //! bytes of a shipment while they come, `label.rs` what two services say, and `blocks.rs` how they compress. `routes.rs`
 //! knows which machine is next on the way to another one, and `led.rs` what a router has not handed on yet. Links between
-//! machines are the business of agents: the service asks for them as any process does.
+//! machines are the business of agents. The service asks the loop of its agent for them (`dock.rs`), which is in the same
+//! process: so of the bytes only references pass between the two (`pipe.rs`).
 
 mod blocks;
 mod client;
 mod content;
 mod customer;
 mod depot;
+mod dock;
 mod incoming;
 mod label;
 mod led;
 mod outgoing;
+mod pipe;
 mod records;
 mod routes;
 mod service;
@@ -34,6 +37,8 @@ mod service;
 mod tests;
 
 pub(crate) use client::{Shipping, Way};
+pub use dock::{ShippingDock, WantedLink};
+pub use pipe::Pipe;
 pub use service::ShippingService;
 
 use hprm_core::FederateId;
@@ -41,7 +46,7 @@ use sha2::{Digest, Sha256};
 
 use crate::Address;
 
-/// The listener of every machine at which its shipping service takes what others send.
+/// The listener of every machine at which its shipping service takes what others send. No process can listen there.
 pub const SHIPMENTS: &str = "shipments";
 
 /// The shortest part of a message that becomes a shipment, in bytes.

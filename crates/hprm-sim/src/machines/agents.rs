@@ -334,7 +334,7 @@ impl Agents {
             return;
         }
         self.links[at].begin(end, self.now, &mut self.rng);
-        self.links[at].handle(end, self.now, Input::Packet(packet));
+        self.links[at].handle(end, self.now, Input::Packet(packet.into()));
         self.proceed((at, end), notices);
     }
 

@@ -143,7 +143,7 @@ impl Link {
             if relay.room() < bytes.len() {
                 break;
             }
-            relay.handle(PhysicalTime(now), Input::Frame(bytes)).expect("there is room");
+            relay.handle(PhysicalTime(now), Input::Frame(bytes.into())).expect("there is room");
             site.given += 1;
             site.sent.extend(site.unsent.pop_front());
             any = true;

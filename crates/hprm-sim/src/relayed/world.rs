@@ -132,7 +132,7 @@ impl<'a> World<'a> {
         }
         while let Some((to, packet)) = self.carried.arrived(self.now) {
             if self.sites[to].runs() {
-                self.give(to, Input::Packet(packet))?;
+                self.give(to, Input::Packet(packet.into()))?;
             } else if self.sites[to].backlog.len() < self.line.backlog {
                 self.sites[to].backlog.push_back(packet);
             } else {
@@ -161,7 +161,7 @@ impl<'a> World<'a> {
             Fault::Pause { end } => {
                 self.sites[end].is_paused = begins;
                 while let Some(packet) = self.sites[end].backlog.pop_front().filter(|_| !begins) {
-                    self.give(end, Input::Packet(packet))?;
+                    self.give(end, Input::Packet(packet.into()))?;
                 }
             }
             Fault::Suspended => {
@@ -191,7 +191,7 @@ impl<'a> World<'a> {
         if site.ended.is_none() && site.writes_at <= self.now {
             if let Some(len) = site.load.frames.get(site.written).copied() {
                 if site.relay.room() >= len.max(1) {
-                    let input = Input::Frame(content(site.life, site.written, len));
+                    let input = Input::Frame(content(site.life, site.written, len).into());
                     site.written += 1;
                     site.writes_at = self.now + pause(&mut self.rng, site.load.writes_every);
                     self.give(end, input)?;

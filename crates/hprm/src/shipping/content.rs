@@ -4,8 +4,10 @@
 //! take it on. One thread has all of them; the lock lets the service move to that thread.
 
 use std::io::{self, Read};
+use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use hprm_federated::relay::Bytes;
 use hprm_store::{Object, WritableLoan};
 
 use super::blocks;
@@ -70,12 +72,22 @@ impl Content {
         }
     }
 
+    /// Some of the bytes that are there, for as long as they are needed. Those of an object stay where they are; what is still
+    /// coming is copied, because the rest of that memory is being written.
+    pub(super) fn piece(&self, range: Range<usize>) -> Bytes {
+        match &*self.state() {
+            State::Comes { loan, filled, .. } => loan[..*filled][range].to_vec().into(),
+            State::Whole(object) => Bytes::of(object.clone()).part(range),
+            State::Gone => Vec::new().into(),
+        }
+    }
+
     /// Whether no more bytes will come, and some are missing.
     pub(super) fn is_broken(&self) -> bool {
         matches!(*self.state(), State::Comes { is_broken: true, .. })
     }
 
-    /// No more bytes will come. Those that are there stay as long as a piece of them is being written.
+    /// No more bytes will come. Pieces that have left stay as long as they are needed.
     pub(super) fn break_off(&self) {
         if let State::Comes { is_broken, .. } = &mut *self.state() {
             *is_broken = true;

@@ -1,30 +1,28 @@
 //! What comes from the shipping service of one machine, over one link.
 //!
 //! A label says what begins; the service gives memory for it, into which the link is read. The bytes of a shipment for
-//! which there is no memory, or no reader, are read and forgotten.
+//! which there is no memory, or no reader, are taken and forgotten.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::{self, Read, Write};
-use std::os::fd::{AsFd, BorrowedFd};
-use std::os::unix::net::UnixStream;
+use std::io;
+use std::os::fd::BorrowedFd;
 
 use hprm_core::Shipment;
+use hprm_federated::relay::Bytes;
 
 use super::blocks::BLOCK;
 use super::content::Content;
 use super::label::{Hello, Item, Key, LABEL_LIMIT, LENGTH, Label, OPEN, VERSION, receipt};
+use super::pipe::Pipe;
 use crate::records::decode;
 
 /// How many bytes are read before others have their turn.
 const TURN: usize = 1 << 20;
 
-/// How many bytes are read at once of what is forgotten.
-const FORGOTTEN: usize = 64 << 10;
-
 /// See the module.
 #[derive(Debug)]
 pub(super) struct Incoming {
-    stream: UnixStream,
+    pipe: Pipe,
     /// The other machine, once it has said so.
     machine: Option<String>,
     /// The machines of which shipments come over this link, as long as they reach the other one; that one, too.
@@ -71,10 +69,10 @@ pub(super) enum Came {
 }
 
 impl Incoming {
-    pub(super) fn new(stream: UnixStream) -> Self {
+    pub(super) fn new(pipe: Pipe) -> Self {
         let part = Part::Item(Vec::new());
         let (machine, reached, open) = (None, BTreeSet::new(), BTreeMap::new());
-        Self { stream, machine, reached, part, open, receipts: Vec::new() }
+        Self { pipe, machine, reached, part, open, receipts: Vec::new() }
     }
 
     /// The machine at the other end, as far as it is known.
@@ -93,9 +91,10 @@ impl Incoming {
         self.reached
     }
 
-    /// What to wait for: the link, and whether it is to be written.
-    pub(super) fn interest(&self) -> (BorrowedFd<'_>, bool) {
-        (self.stream.as_fd(), !self.receipts.is_empty())
+    /// What to wait for: something to take, and room for what is to be given.
+    pub(super) fn interests(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
+        let to_give = (!self.receipts.is_empty()).then(|| self.pipe.to_give());
+        [self.pipe.to_take()].into_iter().chain(to_give)
     }
 
     /// The bytes of the shipment whose label has come last go there.
@@ -114,17 +113,19 @@ impl Incoming {
         self.settle()
     }
 
-    /// Writes receipts, as far as there is room.
+    /// Gives the receipts away, if there is room.
     fn settle(&mut self) -> io::Result<()> {
-        while !self.receipts.is_empty() {
-            match self.stream.write(&self.receipts) {
-                Ok(count) => drop(self.receipts.drain(..count)),
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => break,
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(error) => return Err(error),
-            }
+        if self.receipts.is_empty() {
+            return Ok(());
         }
-        Ok(())
+        let receipts = Bytes::from(std::mem::take(&mut self.receipts));
+        match self.pipe.give(&receipts) {
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                self.receipts = receipts.to_vec();
+                Ok(())
+            }
+            given => given,
+        }
     }
 
     /// Reads until something has come that the service has to know, for one turn at the most.
@@ -137,13 +138,13 @@ impl Incoming {
         let mut turn = 0;
         while turn < TURN {
             let read = match &mut self.part {
-                Part::Item(bytes) => read_item(&mut self.stream, bytes),
+                Part::Item(bytes) => read_item(&self.pipe, bytes),
                 Part::Asks(label) => return Ok(Came::Label(label.clone())),
                 Part::Bytes { of, left } => {
                     let into = self.open.get(of).and_then(|open| open.into.as_ref());
-                    read_bytes(&mut self.stream, *left, into)
+                    read_bytes(&self.pipe, *left, into)
                 }
-                Part::Packed { piece, left, .. } => read_more(&mut self.stream, piece, *left),
+                Part::Packed { piece, left, .. } => read_more(&self.pipe, piece, *left),
             };
             match read {
                 Ok(count) => {
@@ -153,7 +154,6 @@ impl Incoming {
                     }
                 }
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => break,
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => return Err(error),
             }
         }
@@ -277,36 +277,31 @@ fn missing(bytes: &[u8]) -> Option<usize> {
 }
 
 /// Reads no more than belongs to an item: the bytes after it go elsewhere.
-fn read_item(stream: &mut UnixStream, bytes: &mut Vec<u8>) -> io::Result<usize> {
+fn read_item(pipe: &Pipe, bytes: &mut Vec<u8>) -> io::Result<usize> {
     let missing = missing(bytes).ok_or_else(nonsense)?;
-    read_more(stream, bytes, missing)
+    read_more(pipe, bytes, missing)
 }
 
 /// Reads no more than so many bytes behind others.
-fn read_more(stream: &mut UnixStream, bytes: &mut Vec<u8>, missing: usize) -> io::Result<usize> {
-    let before = bytes.len();
-    bytes.resize(before + missing, 0);
-    let read = stream.read(&mut bytes[before..]);
-    bytes.truncate(before + read.as_ref().map_or(0, |count| *count));
-    some(read)
+fn read_more(pipe: &Pipe, bytes: &mut Vec<u8>, missing: usize) -> io::Result<usize> {
+    let piece = some(pipe.take(missing))?;
+    bytes.extend_from_slice(&piece);
+    Ok(piece.len())
 }
 
-fn read_bytes(stream: &mut UnixStream, left: usize, into: Option<&Content>) -> io::Result<usize> {
+fn read_bytes(mut pipe: &Pipe, left: usize, into: Option<&Content>) -> io::Result<usize> {
     match into {
-        Some(content) => some(content.read_from(stream, left)),
-        None => {
-            let mut forgotten = [0; FORGOTTEN];
-            some(stream.read(&mut forgotten[..left.min(FORGOTTEN)]))
-        }
+        Some(content) => match content.read_from(&mut pipe, left)? {
+            0 => Err(io::ErrorKind::ConnectionReset.into()),
+            count => Ok(count),
+        },
+        None => some(pipe.take(left)).map(|piece| piece.len()),
     }
 }
 
 /// Nothing more will come if nothing has.
-fn some(read: io::Result<usize>) -> io::Result<usize> {
-    match read {
-        Ok(0) => Err(io::ErrorKind::ConnectionReset.into()),
-        read => read,
-    }
+fn some(taken: io::Result<Option<Bytes>>) -> io::Result<Bytes> {
+    taken?.ok_or_else(|| io::ErrorKind::ConnectionReset.into())
 }
 
 fn nonsense() -> io::Error {

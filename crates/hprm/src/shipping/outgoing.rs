@@ -4,16 +4,16 @@
 //! coming, what is there leaves; while nothing is, others pass it. The service opens links; this file says when it should.
 
 use std::collections::{BTreeSet, VecDeque};
-use std::io::{self, IoSlice, Read, Write};
-use std::ops::Range;
-use std::os::fd::{AsFd, BorrowedFd};
-use std::os::unix::net::UnixStream;
+use std::io;
+use std::os::fd::BorrowedFd;
 
 use hprm_core::{Nanos, PhysicalTime, Shipment};
+use hprm_federated::relay::Bytes;
 
 use super::blocks::{BLOCK, packed};
 use super::content::Content;
 use super::label::{Hello, Item, Label, OPEN, RECEIPT, VERSION, framed, receipt};
+use super::pipe::Pipe;
 
 /// How long after a link has ended, or could not be opened, the next one is opened.
 const PAUSE: Nanos = 500_000_000;
@@ -24,8 +24,11 @@ const GIVE_UP: Nanos = 60_000_000_000;
 /// How many links may end, one after the other, without a receipt before the first shipment counts as lost.
 const IN_VAIN: u32 = 4;
 
-/// How many bytes are written before others have their turn.
+/// How many bytes are given before others have their turn.
 const TURN: usize = 1 << 20;
+
+/// The most bytes of a piece that is not compressed: four of the frames that an agent makes of it.
+const PIECE: usize = 4 * (63 << 10);
 
 /// See the module.
 #[derive(Debug)]
@@ -57,30 +60,14 @@ enum Link {
 
 #[derive(Debug)]
 struct OpenLink {
-    stream: UnixStream,
-    writing: Writing,
+    pipe: Pipe,
+    /// What is given next.
+    waiting: VecDeque<Bytes>,
     /// How many shipments at the front are complete on this link, and wait for their receipts.
     sent: usize,
     /// A receipt of which not all bytes have come, and whether any has come whole.
     receipt: Vec<u8>,
     has_receipts: bool,
-}
-
-/// What is being written: items, and the bytes of a piece behind them.
-#[derive(Debug, Default)]
-struct Writing {
-    items: Vec<u8>,
-    piece: Piece,
-    written: usize,
-}
-
-#[derive(Debug, Default)]
-enum Piece {
-    #[default]
-    Nothing,
-    /// These bytes of a shipment.
-    Of(Content, Range<usize>),
-    Packed(Vec<u8>),
 }
 
 /// A shipment with its bytes, or what is told between shipments.
@@ -177,7 +164,7 @@ impl Outgoing {
         let is_broken = |it: &Cargo| it.content.as_ref().is_some_and(Content::is_broken);
         self.cargo.retain(|it| it.has_begun || !is_broken(it));
         for cargo in self.cargo.iter_mut().filter(|it| is_broken(it)) {
-            // A piece that is being written holds its bytes itself.
+            // A piece that has left holds its bytes itself.
             (cargo.content, cargo.is_broken) = (None, true);
         }
     }
@@ -230,17 +217,17 @@ impl Outgoing {
     }
 
     /// A link is open, or could not be opened. If that has been so for long, what is to be sent is dropped.
-    pub(super) fn opened(&mut self, opened: io::Result<UnixStream>, now: PhysicalTime) {
+    pub(super) fn opened(&mut self, opened: io::Result<Pipe>, now: PhysicalTime) {
         match opened {
-            Ok(stream) => {
+            Ok(pipe) => {
                 let leads = self.leads.iter().cloned().collect();
                 let machine = self.from.clone();
                 let hello = framed(&Hello { version: VERSION, machine, leads });
                 self.cargo.retain(|it| it.shipment.is_some());
                 self.reached_at = now;
                 self.link = Link::Open(OpenLink {
-                    stream,
-                    writing: Writing { items: hello, ..Writing::default() },
+                    pipe,
+                    waiting: VecDeque::from([hello.into()]),
                     sent: 0,
                     receipt: Vec::new(),
                     has_receipts: false,
@@ -300,22 +287,22 @@ impl Outgoing {
         own.filter_map(|it| Some((it.label_of()?.clone(), it.content))).collect()
     }
 
-    /// What to wait for: the link, and whether it is to be written.
-    pub(super) fn interest(&self) -> Option<(BorrowedFd<'_>, bool)> {
-        match &self.link {
-            Link::Open(link) => {
-                let writes = !link.writing.is_over() || link.next(&self.cargo).is_some();
-                Some((link.stream.as_fd(), writes))
-            }
+    /// What to wait for: something to take, and room for what is to be given.
+    pub(super) fn interests(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
+        let link = match &self.link {
+            Link::Open(link) => Some(link),
             _ => None,
-        }
+        };
+        let gives = |it: &&OpenLink| !it.waiting.is_empty() || it.next(&self.cargo).is_some();
+        let to_give = link.filter(gives).map(|it| it.pipe.to_give());
+        link.map(|it| it.pipe.to_take()).into_iter().chain(to_give)
     }
 
-    /// Writes and reads what the link takes and has.
+    /// Gives and takes what the link takes and has.
     pub(super) fn proceed(&mut self, now: PhysicalTime) {
         let Link::Open(link) = &mut self.link else { return };
-        let written = link.write(&mut self.cargo);
-        match written.and_then(|()| link.read(&mut self.cargo, &mut self.done)) {
+        let given = link.give(&mut self.cargo);
+        match given.and_then(|()| link.take(&mut self.cargo, &mut self.done)) {
             Ok(()) => self.reached_at = now,
             Err(error) => {
                 tracing::debug!("a link for shipments has ended: {error}");
@@ -331,30 +318,26 @@ impl Outgoing {
 }
 
 impl OpenLink {
-    fn write(&mut self, cargo: &mut VecDeque<Cargo>) -> io::Result<()> {
+    fn give(&mut self, cargo: &mut VecDeque<Cargo>) -> io::Result<()> {
         let mut turn = 0;
         while turn < TURN {
-            if self.writing.is_over() && !self.go_on(cargo) {
+            if self.waiting.is_empty() && !self.go_on(cargo) {
                 return Ok(());
             }
-            match self.writing.write(&self.stream) {
-                Ok(count) => {
-                    turn += count;
-                    self.writing.written += count;
-                    if self.writing.is_over() {
-                        // Nothing is held that is not needed.
-                        self.writing = Writing::default();
-                    }
+            let Some(next) = self.waiting.front() else { continue };
+            match self.pipe.give(next) {
+                Ok(()) => {
+                    turn += next.len();
+                    self.waiting.pop_front();
                 }
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => return Err(error),
             }
         }
         Ok(())
     }
 
-    /// Which of the cargo is written next: the first of which something is there.
+    /// Which of the cargo is given next: the first of which something is there.
     fn next(&self, cargo: &VecDeque<Cargo>) -> Option<usize> {
         let mut open = 0;
         for (at, one) in cargo.iter().enumerate().skip(self.sent) {
@@ -376,17 +359,19 @@ impl OpenLink {
         let next = &mut cargo[at];
         if next.is_broken {
             let broken = next.shipment.map(|it| framed(&Item::Broken { of: it.key() }));
-            self.writing.items.extend(broken.unwrap_or_default());
+            self.waiting.extend(broken.map(Bytes::from));
             cargo.remove(at);
             return true;
         }
+        let mut items = Vec::new();
         if !next.has_begun {
             next.has_begun = true;
-            self.writing.items = framed(&next.item);
+            items = framed(&next.item);
         }
-        if let Some(shipment) = next.shipment {
-            self.writing.add_piece(next, shipment);
-        } else {
+        let piece = next.shipment.and_then(|it| add_piece(next, it, &mut items));
+        self.waiting.push_back(items.into());
+        self.waiting.extend(piece);
+        if next.shipment.is_none() {
             // There is no receipt for what is only told.
             cargo.remove(at);
         }
@@ -396,15 +381,13 @@ impl OpenLink {
         true
     }
 
-    /// Reads receipts. A shipment is dropped once its receipt has come.
-    fn read(&mut self, cargo: &mut VecDeque<Cargo>, done: &mut Vec<Shipment>) -> io::Result<()> {
-        let mut buffer = [0; 64 * RECEIPT];
+    /// Takes receipts. A shipment is dropped once its receipt has come.
+    fn take(&mut self, cargo: &mut VecDeque<Cargo>, done: &mut Vec<Shipment>) -> io::Result<()> {
         loop {
-            match self.stream.read(&mut buffer) {
-                Ok(0) => return Err(io::ErrorKind::ConnectionReset.into()),
-                Ok(count) => self.receipt.extend(&buffer[..count]),
+            match self.pipe.take(64 * RECEIPT) {
+                Ok(None) => return Err(io::ErrorKind::ConnectionReset.into()),
+                Ok(Some(receipts)) => self.receipt.extend_from_slice(&receipts),
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => return Err(error),
             }
             let whole = self.receipt.len() - self.receipt.len() % RECEIPT;
@@ -422,48 +405,23 @@ impl OpenLink {
     }
 }
 
-impl Writing {
-    fn is_over(&self) -> bool {
-        self.written == self.items.len() + self.piece.len()
-    }
-
-    /// Adds the next bytes of a shipment, if some are there.
-    fn add_piece(&mut self, cargo: &mut Cargo, shipment: Shipment) {
-        let len = cargo.ready().min(BLOCK);
-        let Some(content) = cargo.content.as_ref().filter(|_| len > 0) else { return };
-        let range = cargo.taken..cargo.taken + len;
-        let pack = |bytes: &[u8]| bytes.get(range.clone()).and_then(packed);
-        self.piece = match cargo.compress.then(|| content.look(pack)).flatten() {
-            Some(bytes) => Piece::Packed(bytes),
-            None => Piece::Of(content.clone(), range.clone()),
-        };
-        cargo.taken = range.end;
-        let short = |len: usize| u32::try_from(len).expect("a piece is short");
-        let packed = matches!(self.piece, Piece::Packed(_)).then(|| short(self.piece.len()));
-        self.items.extend(framed(&Item::Piece { of: shipment.key(), len: short(len), packed }));
-    }
-
-    /// Writes some of what is left.
-    fn write(&self, mut stream: &UnixStream) -> io::Result<usize> {
-        let items = self.items.get(self.written..).unwrap_or_default();
-        let from = self.written.saturating_sub(self.items.len());
-        let mut write = |piece: &[u8]| {
-            stream.write_vectored(&[IoSlice::new(items), IoSlice::new(&piece[from..])])
-        };
-        match &self.piece {
-            Piece::Nothing => write(&[]),
-            Piece::Packed(bytes) => write(bytes),
-            Piece::Of(content, range) => content.look(|bytes| write(&bytes[range.clone()])),
+/// The next bytes of a shipment, if some are there. Before them comes an item; compressed ones are added behind it, and others
+/// stay where they are.
+fn add_piece(cargo: &mut Cargo, shipment: Shipment, items: &mut Vec<u8>) -> Option<Bytes> {
+    let len = cargo.ready().min(if cargo.compress { BLOCK } else { PIECE });
+    let content = cargo.content.as_ref().filter(|_| len > 0)?;
+    let range = cargo.taken..cargo.taken + len;
+    cargo.taken = range.end;
+    let short = |len: usize| u32::try_from(len).expect("a piece is short");
+    let pack = |bytes: &[u8]| bytes.get(range.clone()).and_then(packed);
+    let bytes = cargo.compress.then(|| content.look(pack)).flatten();
+    let packed = bytes.as_ref().map(|bytes| short(bytes.len()));
+    items.extend(framed(&Item::Piece { of: shipment.key(), len: short(len), packed }));
+    match bytes {
+        Some(bytes) => {
+            items.extend(bytes);
+            None
         }
-    }
-}
-
-impl Piece {
-    fn len(&self) -> usize {
-        match self {
-            Self::Nothing => 0,
-            Self::Of(_, range) => range.len(),
-            Self::Packed(bytes) => bytes.len(),
-        }
+        None => Some(content.piece(range)),
     }
 }

@@ -4,36 +4,28 @@ use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
-use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
-use std::thread;
-use std::time::Duration;
 
 use hprm_core::{FederateId, Nanos, PhysicalTime, Shipment};
 use hprm_federated::{FederationId, relay};
 use hprm_store::WritableLoan;
-use rustix::event::{EventfdFlags, eventfd};
 
 use super::content::Content;
 use super::customer::{Customer, Joined};
 use super::depot::Depot;
+use super::dock::{Harbor, News, ShippingDock, dock};
 use super::incoming::{Came, Incoming};
 use super::label::{LABEL_LIMIT, Label, framed};
 use super::led::Led;
 use super::outgoing::Outgoing;
 use super::records::{Ask, Destination, Told, VERSION};
 use super::routes::Routes;
-use super::{SHIPMENTS, socket_name};
+use super::socket_name;
 use crate::Clock;
-use crate::agent::{Place, Rest, agent_address};
-use crate::link::{accept_from_agent, connect_through_agent, listen_at_agent};
+use crate::agent::{Rest, agent_address};
 use crate::records::{self, RecordListener};
 use crate::wait::{Interest, Interests, wait};
-
-/// How long the agent may take to open a link.
-const OPENING: Duration = Duration::from_secs(20);
 
 /// How often the service looks for what does not come, and for memory that is not used.
 const LOOK: Nanos = 1_000_000_000;
@@ -59,7 +51,8 @@ pub struct ShippingService {
     machine: String,
     listener: RecordListener,
     rest: Rest,
-    news: News,
+    /// Where the agent is.
+    harbor: Harbor,
     depots: BTreeMap<FederationId, Depot>,
     customers: BTreeMap<u64, Customer>,
     outgoing: BTreeMap<String, Outgoing>,
@@ -73,33 +66,24 @@ pub struct ShippingService {
     next: u64,
 }
 
-/// What threads tell the loop.
-#[derive(Debug)]
-struct News {
-    sender: Sender<(String, io::Result<UnixStream>)>,
-    receiver: Receiver<(String, io::Result<UnixStream>)>,
-    mark: OwnedFd,
-}
-
 impl ShippingService {
-    /// Listens for federates of this machine, which has that name.
+    /// Listens for federates of this machine, which has that name. Returns also where the agent meets the service.
     ///
     /// # Errors
     ///
     /// If the system does not allow it, or another agent of this user does.
-    pub fn open(machine: &str) -> io::Result<Self> {
+    pub fn open(machine: &str) -> io::Result<(Self, ShippingDock)> {
         let address = agent_address().map_err(io::Error::other)?;
         Self::with(machine, RecordListener::bind(&socket_name(&address))?)
     }
 
-    fn with(machine: &str, listener: RecordListener) -> io::Result<Self> {
-        let (sender, receiver) = channel();
-        let mark = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?;
-        Ok(Self {
+    fn with(machine: &str, listener: RecordListener) -> io::Result<(Self, ShippingDock)> {
+        let (dock, harbor) = dock()?;
+        let service = Self {
             machine: machine.to_owned(),
             listener,
             rest: Rest::default(),
-            news: News { sender, receiver, mark },
+            harbor,
             depots: BTreeMap::new(),
             customers: BTreeMap::new(),
             outgoing: BTreeMap::new(),
@@ -108,7 +92,8 @@ impl ShippingService {
             routes: Routes::default(),
             leads: Arc::default(),
             next: 0,
-        })
+        };
+        Ok((service, dock))
     }
 
     /// Says whether the machine is a router, which it is not at first: then the service also leads what others send one
@@ -118,23 +103,17 @@ impl ShippingService {
         Arc::clone(&self.leads)
     }
 
-    /// Runs until the agent ends, which must be there by now.
+    /// Runs until the agent ends.
     ///
     /// # Errors
     ///
     /// Why the service cannot go on.
     pub fn run(mut self) -> io::Result<Infallible> {
-        let (registration, _) = listen_at_agent(&Place::here(SHIPMENTS))?;
         let mut looks_at = Clock::now().plus(LOOK);
         loop {
-            self.wait(&registration, looks_at);
-            while let Some(stream) = accept_from_agent(&registration).or_else(none_yet)? {
-                stream.set_nonblocking(true)?;
-                let number = self.number();
-                self.incoming.insert(number, Incoming::new(stream));
-            }
+            self.wait(looks_at);
             self.admit();
-            self.take_news();
+            self.take_news()?;
             self.serve_customers();
             self.read_links();
             self.write_links();
@@ -152,19 +131,19 @@ impl ShippingService {
     }
 
     /// Waits until anything may be there.
-    fn wait(&self, registration: &UnixStream, looks_at: PhysicalTime) {
+    fn wait(&self, looks_at: PhysicalTime) {
         let to_read = |fd| Interest { fd, write: false };
         let mut interests: Interests<'_> = Interests::new();
-        interests.extend([to_read(registration.as_fd()), to_read(self.news.mark.as_fd())]);
+        interests.push(to_read(self.harbor.as_fd()));
         if self.rest.until().is_none() {
             interests.push(to_read(self.listener.as_fd()));
         }
         let customers = self.customers.values();
         interests
             .extend(customers.map(|it| Interest { fd: it.queue.as_fd(), write: it.has_waiting() }));
-        let links = self.outgoing.values().filter_map(Outgoing::interest);
-        let links = links.chain(self.incoming.values().map(Incoming::interest));
-        interests.extend(links.map(|(fd, write)| Interest { fd, write }));
+        let links = self.outgoing.values().flat_map(Outgoing::interests);
+        let links = links.chain(self.incoming.values().flat_map(Incoming::interests));
+        interests.extend(links.map(to_read));
         let wakeups = self.outgoing.values().filter_map(Outgoing::next_wakeup);
         wait(&interests, wakeups.chain([looks_at]).chain(self.rest.until()).min());
     }
@@ -190,16 +169,24 @@ impl ShippingService {
         }
     }
 
-    /// Takes the links that threads have opened.
-    fn take_news(&mut self) {
-        // It fails only if there is no mark.
-        let _ = rustix::io::read(&self.news.mark, &mut [0; 8]);
-        while let Ok((machine, opened)) = self.news.receiver.try_recv() {
-            if let Some(outgoing) = self.outgoing.get_mut(&machine) {
-                outgoing.opened(opened, Clock::now());
-                self.lead_another_way(&machine);
+    /// Takes the links that the agent has opened.
+    fn take_news(&mut self) -> io::Result<()> {
+        self.harbor.acknowledge();
+        while let Some(news) = self.harbor.next()? {
+            match news {
+                News::Opened(machine, opened) => {
+                    if let Some(outgoing) = self.outgoing.get_mut(&machine) {
+                        outgoing.opened(opened, Clock::now());
+                        self.lead_another_way(&machine);
+                    }
+                }
+                News::Came(pipe) => {
+                    let number = self.number();
+                    self.incoming.insert(number, Incoming::new(pipe));
+                }
             }
         }
+        Ok(())
     }
 
     /// If what waits for a machine goes another way by now, it does so.
@@ -560,7 +547,7 @@ impl ShippingService {
             outgoing.proceed(now);
             done.extend(outgoing.take_done());
             if outgoing.begins_to_open(now) {
-                self.news.open(machine);
+                self.harbor.want(machine);
             }
         }
         done.into_iter().for_each(|shipment| self.done_elsewhere(shipment));
@@ -595,26 +582,6 @@ impl ShippingService {
     }
 }
 
-impl News {
-    /// Has a thread open a link to a machine.
-    fn open(&self, machine: &str) {
-        let begun = self.mark.try_clone().and_then(|mark| {
-            let (sender, machine) = (self.sender.clone(), machine.to_owned());
-            thread::Builder::new().name("shipping".to_owned()).spawn(move || {
-                let place = Place { machine: machine.clone(), name: SHIPMENTS.to_owned() };
-                let opened = connect_through_agent(&place, OPENING);
-                // Without a loop, the process ends.
-                let _ = sender.send((machine, opened));
-                let _ = rustix::io::write(&mark, &1_u64.to_ne_bytes());
-            })
-        });
-        if let Err(error) = begun {
-            // The loop reads it in its next turn, and tries again after a pause.
-            let _ = self.sender.send((machine.to_owned(), Err(error)));
-        }
-    }
-}
-
 /// Whether there is a link over which shipments of a machine come.
 fn is_reached(incoming: &BTreeMap<u64, Incoming>, machine: &str) -> bool {
     incoming.values().any(|link| link.reaches(machine))
@@ -623,14 +590,6 @@ fn is_reached(incoming: &BTreeMap<u64, Incoming>, machine: &str) -> bool {
 /// Whether the other end of a connection has only ended.
 fn is_end(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::ConnectionReset | io::ErrorKind::BrokenPipe)
-}
-
-/// Nothing to accept is no error.
-fn none_yet(error: io::Error) -> io::Result<Option<UnixStream>> {
-    match error.kind() {
-        io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted => Ok(None),
-        _ => Err(error),
-    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,4 @@
-//! Shipments between two machines, over sockets that end at any moment; and what a federate makes of what comes.
-
-use std::os::unix::net::UnixStream;
+//! Shipments between two machines, over pipes that end at any moment; and what a federate makes of what comes.
 
 use hprm_core::{FederateId, ObjectRef, Part, Payload, PhysicalTime, Shipment};
 use hprm_federated::FederationId;
@@ -13,6 +11,7 @@ use super::depot::Depot;
 use super::incoming::{Came, Incoming};
 use super::label::{Label, receipt};
 use super::outgoing::Outgoing;
+use super::pipe::Pipe;
 
 const NOW: PhysicalTime = PhysicalTime(0);
 const FEDERATION: FederationId = FederationId(7);
@@ -100,9 +99,7 @@ impl Receiver {
 
 /// Both ends of a new link.
 fn connect(outgoing: &mut Outgoing, receiver: &mut Receiver, now: PhysicalTime) {
-    let (one, other) = UnixStream::pair().unwrap();
-    one.set_nonblocking(true).unwrap();
-    other.set_nonblocking(true).unwrap();
+    let (one, other) = Pipe::pair().unwrap();
     receiver.link = Some(Incoming::new(other));
     outgoing.opened(Ok(one), now);
 }
@@ -210,14 +207,6 @@ impl Hub {
     }
 }
 
-/// A pair of sockets that never wait.
-fn pair() -> (UnixStream, UnixStream) {
-    let (one, other) = UnixStream::pair().unwrap();
-    one.set_nonblocking(true).unwrap();
-    other.set_nonblocking(true).unwrap();
-    (one, other)
-}
-
 /// Leads shipments through a router. Each turn says which end acts, and a link ends now and then.
 fn lead_all(lens: &[usize], compress: bool, turns: &[(usize, u8)]) -> Vec<(u64, Vec<u8>, u32)> {
     let me = FederateId(0);
@@ -237,7 +226,7 @@ fn lead_all(lens: &[usize], compress: bool, turns: &[(usize, u8)]) -> Vec<(u64, 
         now = now.plus(1_000_000_000);
         if sender.begins_to_open(now) {
             hub.breaks();
-            let (one, other) = pair();
+            let (one, other) = Pipe::pair().unwrap();
             hub.link = Some(Incoming::new(other));
             sender.opened(Ok(one), now);
         }
@@ -301,11 +290,9 @@ proptest! {
     /// Whatever comes over a link, it is a label, or the end of the link.
     #[test]
     fn any_bytes_end_a_link_or_wait(sent in prop::collection::vec(any::<u8>(), 0..300)) {
-        use std::io::Write;
-        let (mut one, other) = UnixStream::pair().unwrap();
-        other.set_nonblocking(true).unwrap();
+        let (one, other) = Pipe::pair().unwrap();
         let mut link = Incoming::new(other);
-        one.write_all(&sent).unwrap();
+        one.give(&sent.into()).unwrap();
         drop(one);
         while let Ok(came) = link.proceed() {
             match came {
@@ -409,7 +396,7 @@ fn begun(filled: usize) -> (Outgoing, Content, Receiver) {
 #[test]
 fn what_is_here_of_a_shipment_leaves_before_the_rest_has_come() {
     let (mut onward, content, mut receiver) = begun(600);
-    let waits = |onward: &Outgoing| !onward.interest().unwrap().1;
+    let waits = |onward: &Outgoing| onward.interests().count() == 1;
     // All that was here has left.
     assert!(waits(&onward) && receiver.delivered.is_empty());
     // While nothing comes, others pass it.
@@ -429,6 +416,25 @@ fn what_is_here_of_a_shipment_leaves_before_the_rest_has_come() {
     onward.proceed(NOW);
     assert_eq!(onward.take_done(), [shipment(2, 500), shipment(1, 1000)]);
     assert!(onward.is_empty() && waits(&onward));
+}
+
+#[test]
+fn a_piece_of_an_object_stays_where_it_is_and_one_of_what_comes_is_a_copy() {
+    let me = FederateId(0);
+    let mut store = Store::new(me, StoreLimits::default());
+    let object = store.put(&bytes(1, 1000), &[me]).unwrap();
+    let object = store.open(object).unwrap();
+    let whole = Content::whole(object.clone()).piece(100..600);
+    assert_eq!(whole.as_ptr_range(), object.as_bytes()[100..600].as_ptr_range());
+    drop(object);
+    assert!(store.stats().bytes_in_use > 0, "the piece holds it");
+    assert!(*whole == bytes(1, 1000)[100..600]);
+    drop(whole);
+    assert_eq!(store.stats().bytes_in_use, 0);
+    let (_, content, _) = begun(600);
+    let begins = content.piece(100..600);
+    let is_there = content.look(|it| it[100..600].as_ptr_range().contains(&begins.as_ptr()));
+    assert!(*begins == bytes(1, 1000)[100..600] && !is_there);
 }
 
 #[test]

@@ -1,19 +1,21 @@
 //! The service with federates of its machine, and links whose other ends are written out.
 
-use std::io::{Read, Write};
+use std::io::Read;
+use std::thread;
 
 use hprm_core::Shipment;
 
 use super::*;
 use crate::shipping::client::Shipping;
 use crate::shipping::label::{Hello, Item, RECEIPT, VERSION as LINK_VERSION, receipt};
+use crate::shipping::pipe::Pipe;
 
 const FEDERATION: FederationId = FederationId(7);
 
 fn service(name: &str) -> (ShippingService, String) {
     let name = format!("hprm-test-service-{name}-{}", std::process::id());
     let listener = RecordListener::bind(&name).unwrap();
-    (ShippingService::with("here", listener).unwrap(), name)
+    (ShippingService::with("here", listener).unwrap().0, name)
 }
 
 /// A federate of this machine that has joined.
@@ -31,14 +33,12 @@ fn join(service: &mut ShippingService, name: &str, federate: u16) -> Shipping {
 }
 
 /// A link from another machine, of which that has said what comes first.
-fn link(service: &mut ShippingService, machine: &str) -> (u64, UnixStream) {
-    let (mut there, here) = UnixStream::pair().unwrap();
-    here.set_nonblocking(true).unwrap();
-    there.set_nonblocking(true).unwrap();
+fn link(service: &mut ShippingService, machine: &str) -> (u64, Pipe) {
+    let (there, here) = Pipe::pair().unwrap();
     let number = service.number();
     service.incoming.insert(number, Incoming::new(here));
     let (version, machine) = (LINK_VERSION, machine.to_owned());
-    there.write_all(&framed(&Hello { version, machine, leads: Vec::new() })).unwrap();
+    there.give(&framed(&Hello { version, machine, leads: Vec::new() }).into()).unwrap();
     (number, there)
 }
 
@@ -55,20 +55,18 @@ fn label(number: u64, len: u64, to: &[(&str, u16)]) -> Label {
 }
 
 /// Sends bytes of a shipment, perhaps its first ones.
-fn write_piece(there: &mut UnixStream, label: &Label, is_first: bool, len: u32) {
+fn write_piece(there: &Pipe, label: &Label, is_first: bool, len: u32) {
     if is_first {
-        there.write_all(&framed(&Item::Shipment(label.clone()))).unwrap();
+        there.give(&framed(&Item::Shipment(label.clone())).into()).unwrap();
     }
     let piece = Item::Piece { of: label.shipment.key(), len, packed: None };
-    there.write_all(&framed(&piece)).unwrap();
-    there.write_all(&vec![5; len as usize]).unwrap();
+    there.give(&framed(&piece).into()).unwrap();
+    there.give(&vec![5; len as usize].into()).unwrap();
 }
 
 /// The other end of a link to a machine to which the service wants one.
-fn behind(service: &mut ShippingService, machine: &str) -> UnixStream {
-    let (behind, here) = UnixStream::pair().unwrap();
-    here.set_nonblocking(true).unwrap();
-    behind.set_nonblocking(true).unwrap();
+fn behind(service: &mut ShippingService, machine: &str) -> Pipe {
+    let (behind, here) = Pipe::pair().unwrap();
     let outgoing = service.outgoing.get_mut(machine).unwrap();
     assert!(outgoing.begins_to_open(Clock::now()));
     outgoing.opened(Ok(here), Clock::now());
@@ -88,10 +86,10 @@ fn why(shipping: &mut Shipping, shipment: Shipment) -> Option<String> {
 fn a_value_for_which_there_is_no_memory_is_told_at_once() {
     let (mut service, name) = service("memory");
     let mut reader = join(&mut service, &name, 3);
-    let (_, mut there) = link(&mut service, "there");
+    let (_, there) = link(&mut service, "there");
     let label = label(1, 1 << 40, &[("here", 3)]);
     let shipment = label.shipment;
-    there.write_all(&framed(&Item::Shipment(label))).unwrap();
+    there.give(&framed(&Item::Shipment(label)).into()).unwrap();
     service.read_links();
     let why = why(&mut reader, shipment).unwrap();
     assert!(why.starts_with("the agent of here has no memory for it: "), "{why}");
@@ -127,20 +125,20 @@ fn a_message_whose_link_has_ended_waits_only_for_a_machine_that_is_there() {
 fn a_router_gives_the_receipt_when_those_behind_it_have_the_value() {
     let (mut service, _) = service("router");
     service.leads.store(true, Ordering::Relaxed);
-    let (_, mut there) = link(&mut service, "there");
+    let (_, there) = link(&mut service, "there");
     let label = label(1, 1000, &[("one", 3), ("other", 4)]);
     let expected = receipt(label.shipment);
-    write_piece(&mut there, &label, true, 1000);
+    write_piece(&there, &label, true, 1000);
     service.read_links();
     let mut buffer = [0; RECEIPT];
     let behind = ["one", "other"].map(|machine| behind(&mut service, machine));
     service.write_links();
-    for mut behind in &behind {
-        assert_eq!(there.read(&mut buffer).unwrap_err().kind(), io::ErrorKind::WouldBlock);
-        behind.write_all(&expected).unwrap();
+    for behind in &behind {
+        assert_eq!((&there).read(&mut buffer).unwrap_err().kind(), io::ErrorKind::WouldBlock);
+        behind.give(&expected.to_vec().into()).unwrap();
         service.write_links();
     }
-    there.read_exact(&mut buffer).unwrap();
+    (&there).read_exact(&mut buffer).unwrap();
     assert_eq!(buffer, expected);
 }
 
@@ -148,9 +146,9 @@ fn a_router_gives_the_receipt_when_those_behind_it_have_the_value() {
 fn a_router_leads_on_what_is_here_and_begins_anew_when_it_comes_again() {
     let (mut service, _) = service("through");
     service.leads.store(true, Ordering::Relaxed);
-    let (_, mut there) = link(&mut service, "there");
+    let (_, there) = link(&mut service, "there");
     let label = label(1, 1000, &[("one", 3)]);
-    write_piece(&mut there, &label, true, 600);
+    write_piece(&there, &label, true, 600);
     service.read_links();
     let mut one = Incoming::new(behind(&mut service, "one"));
     service.write_links();
@@ -161,8 +159,8 @@ fn a_router_leads_on_what_is_here_and_begins_anew_when_it_comes_again() {
     assert!(matches!(one.proceed().unwrap(), Came::Nothing));
     assert_eq!(content.there(), 600);
     // The sender opens another link before the end of the first one is known.
-    let (again, mut there_again) = link(&mut service, "there");
-    write_piece(&mut there_again, &label, true, 1000);
+    let (again, there_again) = link(&mut service, "there");
+    write_piece(&there_again, &label, true, 1000);
     service.read_links();
     service.write_links();
     assert_eq!(service.incoming.keys().copied().collect::<Vec<_>>(), [again]);
@@ -173,19 +171,19 @@ fn a_router_leads_on_what_is_here_and_begins_anew_when_it_comes_again() {
     one.acknowledge(came.shipment).unwrap();
     service.write_links();
     let mut buffer = [0; RECEIPT];
-    there_again.read_exact(&mut buffer).unwrap();
+    (&there_again).read_exact(&mut buffer).unwrap();
     assert_eq!(buffer, receipt(label.shipment));
 }
 
 #[test]
 fn a_machine_that_is_no_router_leads_nothing() {
     let (mut service, _) = service("none");
-    let (_, mut there) = link(&mut service, "there");
-    write_piece(&mut there, &label(1, 1000, &[("one", 3)]), true, 1000);
+    let (_, there) = link(&mut service, "there");
+    write_piece(&there, &label(1, 1000, &[("one", 3)]), true, 1000);
     service.read_links();
     assert!(service.outgoing.is_empty() && service.depots.is_empty());
     // It need not be sent again, either.
-    there.read_exact(&mut [0; RECEIPT]).unwrap();
+    (&there).read_exact(&mut [0; RECEIPT]).unwrap();
 }
 
 #[test]
