@@ -10,6 +10,7 @@ import pytest
 import zenoh
 from machines import AGENT, PLACES, PROGRAM, alone, finish, reactions, until
 from networks import HUB, Fleet
+from processes import hear
 from tcp_ports import free_ports
 from test_agents import COORDINATIONS, ENDLESS, LONG, certify, check, running
 from test_programs import belongs, left, nothing_is_left, run
@@ -165,8 +166,7 @@ def test_a_killed_router_ends_what_it_led_and_leaves_nothing(
         until(lambda: seen(fleet, " starter "))
     else:
         word = {"steady": "running\n", "end": "ending\n"}[when]
-        while not launcher.stdout.readline().endswith(word):
-            pass
+        hear(launcher.stdout, word)
     killed = time.monotonic()
     fleet.agents.pop(HUB).kill()
     code, _, err = finish(launcher)
