@@ -1,4 +1,4 @@
-//! Wakes up a loop when another process has written to memory that they share.
+//! Wakes up a loop when another process has written to memory that they share, or another thread of this one has.
 //!
 //! Each loop has one notifier, however many processes notify it. Each of them needs a [`RemoteNotifier`],
 //! which is sent over a socket.
@@ -26,6 +26,11 @@ impl Notifier {
         Ok(Self(Arc::new(eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?)))
     }
 
+    /// From this process.
+    pub(crate) fn notify(&self) {
+        add_one(&self.0);
+    }
+
     /// To be called before the loop looks for what the other process has written.
     pub(crate) fn clear(&self) {
         // Fails only when it was not notified.
@@ -48,8 +53,12 @@ impl RemoteNotifier {
     }
 
     pub(crate) fn notify(&self) {
-        // Fails only when it was notified very often, and then the loop wakes up anyway; or if it is no
-        // notifier, and then the process that sent it does not wake up.
-        let _ = write(&self.0, &1_u64.to_ne_bytes());
+        // If it is no notifier, the process that sent it does not wake up.
+        add_one(&self.0);
     }
+}
+
+fn add_one(fd: impl AsFd) {
+    // Fails otherwise only when it was notified very often, and then the loop wakes up anyway.
+    let _ = write(fd, &1_u64.to_ne_bytes());
 }

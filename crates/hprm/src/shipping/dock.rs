@@ -2,19 +2,18 @@
 //! that the service wants, and those that others open to it. Each is a [`Pipe`].
 
 use std::io;
-use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 
-use rustix::event::{EventfdFlags, eventfd};
-
 use super::pipe::Pipe;
+use crate::notifier::Notifier;
 
 /// The agent's side.
 #[derive(Debug)]
 pub struct ShippingDock {
     wanted: Receiver<String>,
-    mark: Arc<OwnedFd>,
+    mark: Notifier,
     service: Arc<Service>,
 }
 
@@ -30,9 +29,9 @@ pub struct WantedLink {
 #[derive(Debug)]
 pub(super) struct Harbor {
     wants: Sender<String>,
-    agent: Arc<OwnedFd>,
+    agent: Notifier,
     news: Receiver<News>,
-    mark: Arc<OwnedFd>,
+    mark: Notifier,
 }
 
 /// What the agent tells the service.
@@ -48,7 +47,7 @@ pub(super) enum News {
 #[derive(Debug)]
 struct Service {
     news: Sender<News>,
-    mark: Arc<OwnedFd>,
+    mark: Notifier,
 }
 
 /// Both sides.
@@ -57,18 +56,17 @@ struct Service {
 ///
 /// If there are no descriptors.
 pub(super) fn dock() -> io::Result<(ShippingDock, Harbor)> {
-    let mark = || eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC).map(Arc::new);
     let ((wants, wanted), (sender, news)) = (channel(), channel());
-    let (agent, mark) = (mark()?, mark()?);
-    let service = Arc::new(Service { news: sender, mark: Arc::clone(&mark) });
-    let harbor = Harbor { wants, agent: Arc::clone(&agent), news, mark };
+    let (agent, mark) = (Notifier::new()?, Notifier::new()?);
+    let service = Arc::new(Service { news: sender, mark: mark.clone() });
+    let harbor = Harbor { wants, agent: agent.clone(), news, mark };
     Ok((ShippingDock { wanted, mark: agent, service }, harbor))
 }
 
 impl ShippingDock {
     /// The links that the service wants now.
     pub fn wanted(&self) -> Vec<WantedLink> {
-        acknowledge(&self.mark);
+        self.mark.clear();
         let service = || Some(Arc::clone(&self.service));
         self.wanted.try_iter().map(|machine| WantedLink { machine, service: service() }).collect()
     }
@@ -108,7 +106,7 @@ impl Drop for WantedLink {
 impl Service {
     fn tell(&self, news: News) -> bool {
         let is_there = self.news.send(news).is_ok();
-        set(&self.mark);
+        self.mark.notify();
         is_there
     }
 }
@@ -118,12 +116,12 @@ impl Harbor {
     pub(super) fn want(&self, machine: &str) {
         // Without an agent, the service ends in its next turn.
         let _ = self.wants.send(machine.to_owned());
-        set(&self.agent);
+        self.agent.notify();
     }
 
     /// Takes the mark that there are news.
     pub(super) fn acknowledge(&self) {
-        acknowledge(&self.mark);
+        self.mark.clear();
     }
 
     /// The next news, if there are some.
@@ -144,16 +142,6 @@ impl AsFd for Harbor {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.mark.as_fd()
     }
-}
-
-fn set(mark: &OwnedFd) {
-    // It fails only if the mark is there already.
-    let _ = rustix::io::write(mark, &1_u64.to_ne_bytes());
-}
-
-fn acknowledge(mark: &OwnedFd) {
-    // It fails only if there is no mark.
-    let _ = rustix::io::read(mark, &mut [0; 8]);
 }
 
 #[cfg(test)]

@@ -6,11 +6,12 @@
 
 use std::collections::VecDeque;
 use std::io::{self, Read};
-use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use hprm_federated::relay::Bytes;
-use rustix::event::{EventfdFlags, eventfd};
+
+use crate::notifier::Notifier;
 
 /// How much may wait for an end before there is no more room, and when there is again. The last piece may exceed it.
 const FULL: usize = 1 << 20;
@@ -31,8 +32,8 @@ pub struct Pipe {
 struct Lane {
     state: Mutex<State>,
     /// What can be read as long as there is something to take, and as long as there is room.
-    is_there: OwnedFd,
-    has_room: OwnedFd,
+    is_there: Notifier,
+    has_room: Notifier,
 }
 
 #[derive(Debug, Default)]
@@ -81,11 +82,11 @@ impl Pipe {
             state.pieces.push_front(rest);
         }
         if state.pieces.is_empty() && !state.is_finished {
-            unmark(&self.takes.is_there);
+            self.takes.is_there.clear();
         }
         if state.is_full && state.held <= AGAIN {
             state.is_full = false;
-            mark(&self.takes.has_room);
+            self.takes.has_room.notify();
         }
         Ok(Some(piece))
     }
@@ -107,13 +108,13 @@ impl Pipe {
             return Ok(());
         }
         if state.pieces.is_empty() {
-            mark(&self.gives.is_there);
+            self.gives.is_there.notify();
         }
         state.held += piece.len() + PIECE;
         state.pieces.push_back(piece.clone());
         if state.held >= FULL {
             state.is_full = true;
-            unmark(&self.gives.has_room);
+            self.gives.has_room.clear();
         }
         Ok(())
     }
@@ -123,7 +124,7 @@ impl Pipe {
         let mut state = self.gives.state();
         if !state.is_finished {
             state.is_finished = true;
-            mark(&self.gives.is_there);
+            self.gives.is_there.notify();
         }
     }
 
@@ -147,7 +148,7 @@ impl Drop for Pipe {
         state.is_deaf = true;
         let pieces = std::mem::take(&mut state.pieces);
         if std::mem::take(&mut state.is_full) {
-            mark(&self.takes.has_room);
+            self.takes.has_room.notify();
         }
         drop(state);
         // Memory is freed while the other end may go on.
@@ -169,25 +170,18 @@ impl Read for &Pipe {
 
 impl Lane {
     fn new() -> io::Result<Self> {
-        let new = |marks| eventfd(marks, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC);
-        Ok(Self { state: Mutex::default(), is_there: new(0)?, has_room: new(1)? })
+        let lane = Self {
+            state: Mutex::default(),
+            is_there: Notifier::new()?,
+            has_room: Notifier::new()?,
+        };
+        lane.has_room.notify();
+        Ok(lane)
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
-
-/// Lets a descriptor be read.
-fn mark(fd: &OwnedFd) {
-    // It has room for far more than the one mark that it has at most.
-    let _ = rustix::io::write(fd, &1_u64.to_ne_bytes());
-}
-
-/// Takes the mark.
-fn unmark(fd: &OwnedFd) {
-    // There is one, whenever this is called.
-    let _ = rustix::io::read(fd, &mut [0; 8]);
 }
 
 #[cfg(test)]
