@@ -419,7 +419,7 @@ def test_a_machine_takes_no_name_and_reads_no_link_of_another(machines: Machines
         ]
         subscribers = [
             spy.declare_subscriber(key, lambda sample: heard.append(str(sample.key_expr)))
-            for key in (f"{root}/links/**", f"{root}/**", "**", f"{root}/links/robot1/*/*/*/*")
+            for key in (f"{root}/links/**", f"{root}/**", "**", f"{root}/links/robot1/*/*/*")
         ]
         asked: list[str] = []
         queryables = [

@@ -369,8 +369,8 @@ def test_a_machine_of_the_roster_that_sends_what_is_too_large_disturbs_no_other(
             for reply in spy.liveliness().get(f"{root}/machines/robot1/*")
             if reply.ok is not None
         )
-        link = f"{root}/links/{here}/robot3/{7:016x}/{5:016x}"
-        for size in (0, 1, 1 << 16, 1 << 20, 64 << 20, 64 << 20):
+        link = f"{root}/links/{here}/robot3/{7:016x}"
+        for size in (0, 1, 7, 8, 9, 1 << 16, 1 << 20, 64 << 20, 64 << 20):
             spy.put(link, bytes(size))
         for text in (b"", b"{", bytes(1 << 20), b"[" * 100_000):
             list(spy.get(f"{root}/open/{here}/robot3/{7:016x}", payload=text, timeout=1))

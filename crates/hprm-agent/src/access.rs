@@ -69,7 +69,7 @@ fn machine(member: &Member) -> Vec<Value> {
         "to/*/about/*/*".to_owned(),
     ];
     let links_to_it = [format!("links/{name}/**"), format!("by/*/links/{name}/**")];
-    let links_from_it = [format!("links/*/*/{name}/*/*"), format!("to/*/links/*/*/{name}/*/*")];
+    let links_from_it = [format!("links/*/*/{name}/*"), format!("to/*/links/*/*/{name}/*")];
     let rule = Rules(member);
     vec![
         rule.of("is there", &token, &["ingress"], &[format!("machines/{name}/*")]),

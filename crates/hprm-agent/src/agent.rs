@@ -1,11 +1,11 @@
-//! The loop of an agent: one thread that waits for processes of this machine, for packets, and for time.
+//! The loop of an agent: one task that waits for processes of this machine, for packets, and for time (`waiting.rs`).
 
 mod belonging;
 
 use std::collections::BTreeMap;
-use std::io::Write;
-use std::os::fd::AsFd;
+use std::io::{self, Write};
 use std::os::unix::net::UnixStream;
+use std::panic::resume_unwind;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -13,10 +13,9 @@ use hprm::agent::{Answer, Place, Request};
 use hprm::{Clock, Pipe, SHIPMENTS, ShippingDock, ShippingService, WantedLink, random_bytes};
 use hprm_core::{Nanos, PhysicalTime};
 use hprm_federated::relay::{Bytes, Input, Relay};
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::Failure;
-use crate::carrier::{AgentId, Carrier, Event, LinkId, Opening, Way};
+use crate::carrier::{AgentId, BATCHES, Carrier, Event, FRAME, LinkId, Opening, Way};
 use crate::link::Link;
 use crate::local::{Local, answer};
 use crate::membership::Membership;
@@ -24,7 +23,9 @@ use crate::near::Near;
 use crate::options::Options;
 use crate::others::{Others, Reached};
 use crate::renewal::Daily;
-use crate::starters::Starters;
+use crate::starters::{Spawns, Starters};
+use crate::threads;
+use crate::waiting::{Token, Waiting, Watch, Watched, may_block};
 
 /// The most links: each may hold some megabytes for a slow reader.
 const LINKS: usize = 1024;
@@ -35,9 +36,22 @@ const LEASE: Nanos = 12_000_000_000;
 /// How many events are taken before sockets are looked at again.
 const EVENTS: usize = 256;
 
+/// How many bytes may be on their way to other agents while the loop gives Zenoh more of them without [`may_block`], and how many
+/// more it then takes from processes before it looks again: Zenoh has room for that many ([`BATCHES`]).
+const QUIET: u64 = 256 << 10;
+const _: () = assert!(2 * QUIET <= BATCHES as u64 * FRAME as u64);
+
 /// See the module.
 struct Agent {
     me: AgentId,
+    waiting: Waiting,
+    /// What asks the agent to end.
+    stop: Watched<UnixStream>,
+    /// Everything that is waited for but `stop` and the links, and when to look at it at the latest.
+    control: Watch,
+    look_at: PhysicalTime,
+    /// Which links are waited for.
+    tokens: BTreeMap<Token, LinkId>,
     carrier: Carrier,
     local: Local,
     starters: Starters,
@@ -45,54 +59,29 @@ struct Agent {
     membership: Option<Membership>,
     daily: Daily,
     links: BTreeMap<LinkId, Link>,
-    /// Those whose sockets are ready.
-    ready: Vec<LinkId>,
     /// The other agents that are there.
     others: Others,
     /// Since when an older agent of the same name is there.
     rival_since: Option<PhysicalTime>,
     /// Where the shipping service is, and whether it leads what others send one another.
-    dock: ShippingDock,
+    dock: Watched<ShippingDock>,
     leads_shipments: Arc<AtomicBool>,
 }
 
 /// Runs an agent until a signal ends it.
-pub(crate) fn run(options: &Options) -> Result<(), Failure> {
-    let system = |error: std::io::Error| Failure::new(format!("the agent cannot run: {error}"));
+pub(crate) fn run(options: Options) -> Result<(), Failure> {
     let (stop, stops) = UnixStream::pair().map_err(system)?;
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         let stops = stops.try_clone().map_err(system)?;
         signal_hook::low_level::pipe::register(signal, stops).map_err(system)?;
     }
     let failed = end_with_threads(stops);
-    // First of all, so that a second agent of this machine disturbs nothing.
-    let local = Local::listen()?;
-    let epoch = Clock::local().0.unsigned_abs();
-    let me = AgentId { machine: options.name.clone(), epoch };
-    let enrolled = options.credentials.clone();
-    let membership = enrolled.map(|it| Membership::new(it, Clock::local())).transpose()?;
-    let starters = Starters::new(&options.name, options.programs.clone());
-    let limited = starters.limited();
-    let carrier = Carrier::open(options, options.credentials.as_ref(), me.clone(), limited)?;
-    let (links, others) = (BTreeMap::new(), Others::default());
-    let (ready, rival_since) = (Vec::new(), None);
-    let (shipping, dock) = ShippingService::open(&options.name).map_err(system)?;
-    let leads_shipments = shipping.leads();
-    leads_shipments.store(options.is_router(options.credentials.as_ref()), Ordering::Relaxed);
-    let mut agent = Agent {
-        me,
-        carrier,
-        local,
-        starters,
-        membership,
-        daily: Daily::new(Clock::local()),
-        links,
-        ready,
-        others,
-        rival_since,
-        dock,
-        leads_shipments,
+    let runtime = threads::runtime();
+    let waiting = {
+        let _entered = runtime.enter();
+        Waiting::new().map_err(system)?
     };
+    let (agent, shipping, spawns) = Agent::open(&options, waiting, stop)?;
     let leads = match options.is_router(options.credentials.as_ref()) {
         true => ", and is a router",
         false => "",
@@ -100,38 +89,24 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
     println!("the agent of {} listens at {}{leads}", options.name, options.listen.join(" and "));
     agent.starters.limited_text().iter().for_each(|text| println!("{text}"));
     // Without a reader of the lines, the agent runs as well.
-    let _ = std::io::stdout().flush();
+    let _ = io::stdout().flush();
     ship(shipping).map_err(system)?;
-    while !agent.wait(&stop) {
-        agent.take_events();
-        // Links first: a process waits for what comes over one, and there are few requests.
-        agent.drive_links();
-        agent.take_requests();
-        agent.look_at_ends(options);
-        if let Err(failure) = agent.belong(options) {
-            agent.end();
-            return Err(failure);
-        }
-        if agent.is_second() {
-            agent.end();
-            let text = format!("another agent has the name '{}' already", options.name);
-            return Err(Failure::new(text).hint("give each machine a name of its own: --name NAME"));
-        }
-    }
-    if failed.load(Ordering::SeqCst) {
-        agent.end_without_carrier();
-    }
-    agent.end();
-    Ok(())
+    let running = runtime.spawn(agent.run(options, failed));
+    spawns.start();
+    runtime.block_on(running).unwrap_or_else(|error| resume_unwind(error.into_panic()))
+}
+
+fn system(error: io::Error) -> Failure {
+    Failure::new(format!("the agent cannot run: {error}"))
 }
 
 /// Has a thread take large values to other machines.
-fn ship(service: ShippingService) -> std::io::Result<()> {
+fn ship(service: ShippingService) -> io::Result<()> {
     let thread = std::thread::Builder::new().name("shipping".to_owned());
     let ship = move || {
         let Err(error) = service.run();
         // It ends when the agent does.
-        if error.kind() != std::io::ErrorKind::BrokenPipe {
+        if error.kind() != io::ErrorKind::BrokenPipe {
             eprintln!("warning: this agent ships no large values any more: {error}");
         }
     };
@@ -155,61 +130,129 @@ fn end_with_threads(stops: UnixStream) -> Arc<AtomicBool> {
 }
 
 impl Agent {
-    /// Waits until there is something to do. Returns whether the agent is to end.
-    fn wait(&mut self, stop: &UnixStream) -> bool {
-        let mut fds = vec![
-            PollFd::from_borrowed_fd(stop.as_fd(), PollFlags::IN),
-            PollFd::from_borrowed_fd(self.carrier.as_fd(), PollFlags::IN),
-            PollFd::from_borrowed_fd(self.dock.as_fd(), PollFlags::IN),
-        ];
-        let watched = self.membership.as_ref().map(AsFd::as_fd);
-        fds.extend(watched.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)));
-        let local = self.local.descriptors();
-        fds.extend(local.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)));
-        let before = fds.len();
-        let mut waiting = Vec::new();
-        for (id, link) in &self.links {
-            fds.extend(link.interests());
-            waiting.resize(fds.len() - before, id);
+    fn open(
+        options: &Options,
+        mut waiting: Waiting,
+        stop: UnixStream,
+    ) -> Result<(Self, ShippingService, Spawns), Failure> {
+        let control = waiting.watch();
+        // First of all, so that a second agent of this machine disturbs nothing.
+        let local = Local::listen(control.clone())?;
+        let epoch = Clock::local().0.unsigned_abs();
+        let me = AgentId { machine: options.name.clone(), epoch };
+        let enrolled = options.credentials.clone();
+        let now = Clock::local();
+        let membership = enrolled.map(|it| Membership::new(it, now, &control)).transpose()?;
+        let (starters, spawns) = Starters::new(&options.name, options.programs.clone());
+        let (limited, mark) = (starters.limited(), waiting.mark());
+        let enrolled = options.credentials.as_ref();
+        let carrier = Carrier::open(options, enrolled, me.clone(), limited, mark)?;
+        let (shipping, dock) = ShippingService::open(&options.name).map_err(system)?;
+        let leads_shipments = shipping.leads();
+        leads_shipments.store(options.is_router(enrolled), Ordering::Relaxed);
+        let agent = Self {
+            me,
+            stop: waiting.watch().until_readable(stop).map_err(system)?,
+            waiting,
+            dock: control.until_readable(dock).map_err(system)?,
+            control,
+            look_at: PhysicalTime(0),
+            tokens: BTreeMap::new(),
+            carrier,
+            local,
+            starters,
+            membership,
+            daily: Daily::new(Clock::local()),
+            links: BTreeMap::new(),
+            others: Others::default(),
+            rival_since: None,
+            leads_shipments,
+        };
+        Ok((agent, shipping, spawns))
+    }
+
+    async fn run(mut self, options: Options, failed: Arc<AtomicBool>) -> Result<(), Failure> {
+        loop {
+            let next = self.next_wakeup();
+            let done = match self.waiting.wait(next).await {
+                Ok(ready) if ready.contains(&self.stop.token()) => break,
+                Ok(ready) if self.is_busy() => {
+                    may_block(|| self.proceed(&ready, u64::MAX, &options))
+                }
+                Ok(ready) => self.proceed(&ready, QUIET, &options),
+                Err(error) => Err(system(error)),
+            };
+            if done.is_err() {
+                may_block(|| self.end());
+                return done;
+            }
         }
+        if failed.load(Ordering::SeqCst) {
+            self.end_without_carrier();
+        }
+        may_block(|| self.end());
+        Ok(())
+    }
+
+    /// Whether so much is on its way that Zenoh may have no room for more.
+    fn is_busy(&self) -> bool {
+        self.links.values().map(Link::in_flight).sum::<u64>() > QUIET
+    }
+
+    /// Does what there is to do. Of what processes send, it takes about so many bytes.
+    fn proceed(&mut self, ready: &[Token], most: u64, options: &Options) -> Result<(), Failure> {
+        self.take_events();
+        // Links first: a process waits for what comes over one, and there are few requests.
+        self.drive_links(ready, most);
+        if ready.contains(&self.control.token()) || Clock::local() >= self.look_at {
+            may_block(|| self.look(options))?;
+            self.look_at = PhysicalTime::FOREVER;
+        }
+        self.wait_for_links();
+        Ok(())
+    }
+
+    /// Does what is not about what links carry.
+    fn look(&mut self, options: &Options) -> Result<(), Failure> {
+        self.take_requests();
+        self.starters.reap();
+        self.look_at_ends(options);
+        self.belong(options)?;
+        if self.is_second() {
+            let text = format!("another agent has the name '{}' already", options.name);
+            return Err(Failure::new(text).hint("give each machine a name of its own: --name NAME"));
+        }
+        Ok(())
+    }
+
+    /// When there is something to do, even if nothing happens.
+    fn next_wakeup(&mut self) -> PhysicalTime {
         let rival = self.rival_since.map(|since| since.plus(LEASE));
         let roster = self.membership.as_ref().map(Membership::next_wakeup);
-        let wakeups = self.links.values().map(Link::next_wakeup).chain(rival).chain(roster);
-        let wakeups = wakeups.chain([self.daily.next_wakeup()]);
-        let wakeups = wakeups.chain(self.starters.next_wakeup()).chain(self.local.next_wakeup());
-        let due = wakeups.min().map(|due| due.since(Clock::local()).max(0));
-        let timeout = due.map(|nanos| Timespec {
-            tv_sec: nanos / 1_000_000_000,
-            tv_nsec: nanos % 1_000_000_000,
-        });
-        if poll(&mut fds, timeout.as_ref()).is_err() {
-            // A signal has ended the wait, and the next one finds it.
-            return false;
+        let looks = [rival, roster, self.starters.next_wakeup(), self.local.next_wakeup()];
+        let looks = looks.into_iter().flatten().chain([self.daily.next_wakeup()]);
+        self.look_at = looks.fold(self.look_at, PhysicalTime::min);
+        self.links.values().map(Link::next_wakeup).fold(self.look_at, PhysicalTime::min)
+    }
+
+    /// Waits for what links can read and write from now on.
+    fn wait_for_links(&mut self) {
+        let now = Clock::local();
+        for link in self.links.values_mut() {
+            if let Err(error) = link.wait_for_near() {
+                link.handle(now, Input::Abort(format!("the agent cannot wait for it: {error}")));
+            }
         }
-        let is_ready = |fd: &PollFd<'_>| !fd.revents().is_empty();
-        let ready = waiting.into_iter().zip(&fds[before..]).filter(|(_, fd)| is_ready(fd));
-        let mut ready: Vec<_> = ready.map(|(id, _)| id.clone()).collect();
-        ready.dedup();
-        let stops = is_ready(&fds[0]);
-        self.ready = ready;
-        stops
     }
 
     /// Takes what has happened elsewhere, and then does what follows from the packets among that.
     fn take_events(&mut self) {
-        self.carrier.acknowledge();
         for taken in 0..=EVENTS {
             let Some(event) = self.carrier.next() else { break };
             let now = Clock::local();
             match event {
                 Event::Packet { link, packet } => self.packet(now, &link, packet),
-                Event::Opening(opening) => self.open_here(now, opening),
-                Event::Opened { link, answer } => self.opened(now, &link, answer),
-                Event::Agent { agent, is_there } => self.other(now, agent, is_there),
-                Event::Route { router, agent, is_there } => {
-                    self.route(now, router, agent, is_there);
-                }
-                Event::News(news) => self.hear(&news),
+                event => may_block(|| self.take(now, event)),
             }
             if taken == EVENTS {
                 // More may be there; the next wait must not sleep.
@@ -218,6 +261,18 @@ impl Agent {
         }
         let now = Clock::local();
         self.links.values_mut().for_each(|link| link.catch_up(now));
+    }
+
+    /// Takes what has happened elsewhere, and is rare.
+    fn take(&mut self, now: PhysicalTime, event: Event) {
+        match event {
+            Event::Packet { link, packet } => self.packet(now, &link, packet),
+            Event::Opening(opening) => self.open_here(now, opening),
+            Event::Opened { link, answer } => self.opened(now, &link, answer),
+            Event::Agent { agent, is_there } => self.other(now, agent, is_there),
+            Event::Route { router, agent, is_there } => self.route(now, router, agent, is_there),
+            Event::News(news) => self.hear(&news),
+        }
     }
 
     fn packet(&mut self, now: PhysicalTime, id: &LinkId, packet: Bytes) {
@@ -230,7 +285,7 @@ impl Agent {
     /// Tells the other end that this agent knows nothing of a link.
     fn refuse(&self, id: &LinkId, packet: &[u8]) {
         if let Some(refusal) = Relay::refusal(packet) {
-            self.carrier.send_once(id, refusal);
+            self.carrier.send_once(id, &refusal);
         }
     }
 
@@ -254,27 +309,29 @@ impl Agent {
         }
         let way = self.carrier.way(id).map_err(|error| self.refused(&error))?;
         let epoch = epoch().map_err(|error| self.refused(&error))?;
+        let watch = self.waiting.watch();
+        let token = watch.token();
         let near = match name {
-            SHIPMENTS => self.accept_shipments()?,
-            _ => self.accept_process(name)?,
+            SHIPMENTS => self.accept_shipments(watch)?,
+            _ => self.accept_process(name, watch)?,
         };
         let here = &self.me.machine;
         let near = near.ok_or_else(|| Answer::Absent(absent(here, name)))?;
         let what = format!("of {from} to agent:{here}/{name}{}", through(id));
         let mut link = Link::new(epoch, way, what, near);
         link.opened(now);
-        self.links.insert(id.clone(), link);
+        self.insert((id.clone(), token), link);
         Ok(())
     }
 
     /// Hands a link to the shipping service; none if that has ended.
-    fn accept_shipments(&self) -> Result<Option<Near>, Answer> {
+    fn accept_shipments(&self, watch: Watch) -> Result<Option<Near>, Answer> {
         let (mine, theirs) = Pipe::pair().map_err(|error| self.refused(&error))?;
-        Ok(self.dock.hand_over(theirs).then(|| Near::shipping(mine)))
+        Ok(self.dock.get().hand_over(theirs).then(|| Near::shipping(mine, &watch)))
     }
 
     /// Hands a link to the process that listens under a name, or starts one; none if there is none.
-    fn accept_process(&mut self, name: &str) -> Result<Option<Near>, Answer> {
+    fn accept_process(&mut self, name: &str, watch: Watch) -> Result<Option<Near>, Answer> {
         let (mine, other) = UnixStream::pair().map_err(|error| self.refused(&error))?;
         mine.set_nonblocking(true).map_err(|error| self.refused(&error))?;
         if Starters::is_meant(name) {
@@ -282,7 +339,7 @@ impl Agent {
         } else if !self.local.hand_over(name, &other) {
             return Ok(None);
         }
-        Ok(Some(Near::Process(mine)))
+        Ok(Some(Near::process(mine, &watch)))
     }
 
     /// The other machine has opened a link, or has not.
@@ -294,6 +351,7 @@ impl Agent {
             Answer::Absent(why) | Answer::Refused(why) => {
                 link.handle(now, Input::Abort(why));
                 self.links.remove(id);
+                self.tokens.retain(|_, it| it != id);
             }
         }
     }
@@ -348,7 +406,7 @@ impl Agent {
     }
 
     fn take_requests(&mut self) {
-        self.dock.wanted().into_iter().for_each(|wanted| self.connect_shipping(wanted));
+        self.dock.get().wanted().into_iter().for_each(|wanted| self.connect_shipping(wanted));
         for (stream, request) in self.local.requests() {
             match request {
                 Request::Listen(place) => self.local.register(&self.me.machine, &place, stream),
@@ -376,7 +434,10 @@ impl Agent {
     /// A process wants a link to another machine.
     fn connect(&mut self, place: &Place, stream: UnixStream) {
         match self.other_end(place) {
-            Ok(other) => self.begin(other, place, Near::Process(stream)),
+            Ok(other) => {
+                let watch = self.waiting.watch();
+                self.begin(other, place, (watch.token(), Near::process(stream, &watch)));
+            }
             Err(why) => answer(&stream, &Answer::Absent(why)),
         }
     }
@@ -386,9 +447,12 @@ impl Agent {
         let place = Place { machine: wanted.machine.clone(), name: SHIPMENTS.to_owned() };
         match (self.other_end(&place), Pipe::pair()) {
             (Ok(other), Ok((mine, theirs))) => {
-                self.begin(other, &place, Near::wanted(mine, wanted, theirs));
+                let watch = self.waiting.watch();
+                let token = watch.token();
+                let near = Near::wanted(mine, &watch, (wanted, theirs));
+                self.begin(other, &place, (token, near));
             }
-            (Err(why), _) => wanted.answer(Err(std::io::Error::other(why))),
+            (Err(why), _) => wanted.answer(Err(io::Error::other(why))),
             (_, Err(error)) => wanted.answer(Err(error)),
         }
     }
@@ -407,15 +471,20 @@ impl Agent {
     }
 
     /// Begins a link of which the other end is not there yet.
-    fn begin(&mut self, other: Reached, place: &Place, mut near: Near) {
+    fn begin(&mut self, other: Reached, place: &Place, (token, mut near): (Token, Near)) {
         match self.new_link(other) {
             Ok((id, epoch, way)) => {
                 let what = format!("to agent:{place}{}", through(&id));
                 self.carrier.open_link(&id, &place.name);
-                self.links.insert(id, Link::new(epoch, way, what, near));
+                self.insert((id, token), Link::new(epoch, way, what, near));
             }
             Err(why) => near.answer(&Answer::Refused(why)),
         }
+    }
+
+    fn insert(&mut self, (id, token): (LinkId, Token), link: Link) {
+        self.tokens.insert(token, id.clone());
+        self.links.insert(id, link);
     }
 
     /// The number of a new link, that of the life of this end, and its way.
@@ -450,12 +519,13 @@ impl Agent {
         names
     }
 
-    /// Reads and writes what processes send and take, and lets time pass.
-    fn drive_links(&mut self) {
+    /// Reads and writes what processes send and take, of whom some are ready, and lets time pass.
+    fn drive_links(&mut self, ready: &[Token], mut most: u64) {
         let now = Clock::local();
-        for id in std::mem::take(&mut self.ready) {
-            if let Some(link) = self.links.get_mut(&id).filter(|link| link.is_open()) {
-                link.near_ready(now);
+        for token in ready {
+            let link = self.tokens.get(token).and_then(|id| self.links.get_mut(id));
+            if let Some(link) = link.filter(|link| link.is_open()) {
+                link.near_ready(now, &mut most);
             }
         }
         for link in self.links.values_mut() {
@@ -463,8 +533,11 @@ impl Agent {
                 link.handle(now, Input::Wake);
             }
         }
+        let before = self.links.len();
         self.links.retain(|_, link| !link.is_over(now));
-        self.starters.reap();
+        if self.links.len() < before {
+            self.tokens.retain(|_, id| self.links.contains_key(id));
+        }
     }
 
     /// Ends the process and leaves nothing behind here. What Zenoh has is not touched any more.

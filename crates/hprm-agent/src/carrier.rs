@@ -3,7 +3,7 @@
 //! ```text
 //! hprm/agents/1/machines/AGENT        a liveliness token: that agent is there
 //! hprm/agents/1/open/TO/FROM          a query that opens a link to a listener there
-//! hprm/agents/1/links/TO/FROM/NUMBER  packets of a link, from one agent to another
+//! hprm/agents/1/links/TO/FROM         packets of links, from one agent to another: the number of the link, and the packet
 //! hprm/agents/1/about/AGENT           a query for what `hprm machines` shows: see `about.rs`
 //! hprm/agents/1/roster                a query for a newer roster: see `membership.rs`
 //! hprm/agents/1/certificates/AGENT    a query for newer certificates of machines: see `renewal.rs`
@@ -18,7 +18,6 @@
 //! All calls return at once, or soon; what happens elsewhere comes as an [`Event`].
 
 use std::fmt;
-use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
@@ -26,7 +25,6 @@ use std::time::Duration;
 
 use hprm::agent::{Answer, Limited, is_name};
 use hprm_federated::relay::{Bytes, FRAME_LIMIT, Packet};
-use rustix::event::{EventfdFlags, eventfd};
 use serde::{Deserialize, Serialize};
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
@@ -50,6 +48,7 @@ use crate::others::Reached;
 use crate::renewal;
 use crate::replies::Replies;
 use crate::router::{self, Router};
+use crate::waiting::{Mark, may_block};
 
 pub(crate) const ROOT: &str = "hprm/agents/1";
 
@@ -82,7 +81,7 @@ pub(crate) const LAST: Priority = Priority::InteractiveLow;
 /// How many batches of 64 KiB wait for a connection at most: as many as Zenoh permits. A packet that finds no room within a
 /// millisecond is dropped. With two batches, as is usual, and one for each packet (`express`), no more than two packets of many had room
 /// while the thread that writes was not scheduled. Now packets share batches while others are written; where nothing waits, they leave at once.
-const BATCHES: u32 = 16;
+pub(crate) const BATCHES: u32 = 16;
 
 /// How long an agent may take to open a link.
 pub(crate) const OPENING: Duration = Duration::from_secs(20);
@@ -167,19 +166,29 @@ struct Declared {
 struct Inbox {
     packets: SyncSender<Event>,
     events: Sender<Event>,
-    ready: OwnedFd,
+    ready: Mark,
 }
 
 /// One direction of a link: packets for its other end.
 ///
-/// Nothing is declared for it: each declaration is told to all other agents, and answered, and Zenoh 1.10 does not bear it well
-/// if many come and go.
+/// Nothing is declared to others for it: each such declaration is told to all other agents, and answered, and Zenoh 1.10 does
+/// not bear it well if many come and go.
 pub(crate) struct Way {
-    session: zenoh::Session,
-    key: KeyExpr<'static>,
+    to: Named,
+    /// What comes back.
+    _from: Named,
+    /// The link.
+    number: u64,
     /// What becomes of a packet for which there is no room, and which room it has.
     congestion: CongestionControl,
     priority: Priority,
+}
+
+/// A key that Zenoh knows within this process as long as a link has it. Of such a key it remembers where packets go, and whose
+/// they are that come; of others it finds that out for each packet.
+struct Named {
+    session: zenoh::Session,
+    key: KeyExpr<'static>,
 }
 
 impl Carrier {
@@ -189,6 +198,7 @@ impl Carrier {
         credentials: Option<&Credentials>,
         me: AgentId,
         limited: Option<Limited>,
+        ready: Mark,
     ) -> Result<Self, Failure> {
         let door = credentials.map(|it| Door::open(it.folder())).transpose();
         let door = door.map_err(|error| {
@@ -205,8 +215,6 @@ impl Carrier {
         })?;
         let (packets_in, packets) = sync_channel(PACKETS);
         let (events_in, events) = channel();
-        let ready = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)
-            .map_err(|error| Failure::new(format!("the agent has no descriptor left: {error}")))?;
         let inbox = Arc::new(Inbox { packets: packets_in, events: events_in, ready });
         let failed = |error| Failure::new(format!("Zenoh fails: {error}"));
         let here = Arc::new(Here::new(options, limited));
@@ -246,8 +254,8 @@ impl Carrier {
     ) -> Result<(), Failure> {
         // A session that cannot be closed does not listen any more, or the next one says so.
         self.end();
-        let limited = self.here.limited();
-        *self = Self::open(options, Some(credentials), self.me.clone(), limited)?;
+        let (limited, ready) = (self.here.limited(), self.inbox.ready.clone());
+        *self = Self::open(options, Some(credentials), self.me.clone(), limited, ready)?;
         Ok(())
     }
 
@@ -268,15 +276,9 @@ impl Carrier {
         self.events.try_recv().or_else(|_| self.packets.try_recv()).ok()
     }
 
-    /// Takes the mark that something has happened.
-    pub(crate) fn acknowledge(&self) {
-        // It fails only if there is no mark.
-        let _ = rustix::io::read(&self.inbox.ready, &mut [0; 8]);
-    }
-
     /// Marks that there is more to do.
     pub(crate) fn mark(&self) {
-        self.inbox.mark();
+        self.inbox.ready.set();
     }
 
     /// Asks the agent of a machine to open a link; [`Event::Opened`] is the answer.
@@ -325,19 +327,27 @@ impl Carrier {
 
     /// The way to the other end of a link.
     pub(crate) fn way(&self, link: &LinkId) -> Result<Way, String> {
-        let LinkId { agent, number, router } = link;
-        let rest = format!("links/{agent}/{}/{number:016x}", self.me);
-        let key = KeyExpr::try_from(router::key(router.as_deref(), &rest));
-        let key = key.map_err(|error| error.to_string())?;
+        let router = link.router.as_deref();
+        let from = format!("links/{}/{}", self.me, link.agent);
         let (congestion, priority) = (CongestionControl::Drop, Priority::DEFAULT);
-        Ok(Way { session: self.session.clone(), key, congestion, priority })
+        Ok(Way {
+            to: Named::new(&self.session, self.key_to(link))?,
+            _from: Named::new(&self.session, router::key_from(router, &from))?,
+            number: link.number,
+            congestion,
+            priority,
+        })
+    }
+
+    fn key_to(&self, link: &LinkId) -> String {
+        router::key(link.router.as_deref(), &format!("links/{}/{}", link.agent, self.me))
     }
 
     /// Sends one packet of a link for which there is no way.
-    pub(crate) fn send_once(&self, link: &LinkId, packet: Vec<u8>) {
-        if let Ok(way) = self.way(link) {
-            way.put(packet.into());
-        }
+    pub(crate) fn send_once(&self, link: &LinkId, packet: &[u8]) {
+        let packet = [&link.number.to_le_bytes(), packet].concat();
+        let put = self.session.put(self.key_to(link), packet);
+        drop(put.congestion_control(CongestionControl::Drop).wait());
     }
 
     /// Ends the session; what was sent leaves first.
@@ -353,12 +363,6 @@ impl Carrier {
     }
 }
 
-impl AsFd for Carrier {
-    fn as_fd(&self) -> BorrowedFd<'_> {
-        self.inbox.ready.as_fd()
-    }
-}
-
 impl Way {
     /// From now on, packets wait until there is room: they are the last ones, and nothing sends them again. They have room of
     /// their own, also at a router, which waits for none.
@@ -368,21 +372,44 @@ impl Way {
 
     /// Sends a packet, or drops it.
     pub(crate) fn send(&self, packet: Packet) {
+        let (number, head) = (self.number.to_le_bytes(), packet.head.as_slice());
         match packet.frame {
             Some(frame) if frame.len() > COPIED => {
                 let mut whole = ZBytes::writer();
-                whole.append(packet.head.into());
+                whole.append([&number, head].concat().into());
                 whole.append(bytes::Bytes::from_owner(frame).into());
                 self.put(whole.finish());
             }
-            _ => self.put(packet.into_vec().into()),
+            frame => {
+                let frame = frame.as_deref().unwrap_or_default();
+                self.put([&number, head, frame].concat().into());
+            }
         }
     }
 
     fn put(&self, packet: ZBytes) {
-        let put = self.session.put(&self.key, packet).priority(self.priority);
+        let put = self.to.session.put(&self.to.key, packet).priority(self.priority);
+        let put = put.congestion_control(self.congestion);
         // A session that has ended carries nothing; the link notices the silence.
-        let _ = put.congestion_control(self.congestion).wait();
+        let _ = match self.congestion {
+            CongestionControl::Drop => put.wait(),
+            _ => may_block(|| put.wait()),
+        };
+    }
+}
+
+impl Named {
+    fn new(session: &zenoh::Session, key: String) -> Result<Self, String> {
+        let declared = session.declare_keyexpr(key).wait();
+        let key = declared.map_err(|error| error.to_string())?;
+        Ok(Self { session: session.clone(), key })
+    }
+}
+
+impl Drop for Named {
+    fn drop(&mut self) {
+        // A session that has ended knows nothing any more.
+        let _ = may_block(|| self.session.undeclare(self.key.clone()).wait());
     }
 }
 
@@ -427,12 +454,7 @@ impl Inbox {
             true => self.packets.try_send(event).map_err(drop),
             false => self.events.send(event).map_err(drop),
         };
-        self.mark();
-    }
-
-    fn mark(&self) {
-        // It fails only if the mark is there already.
-        let _ = rustix::io::write(&self.ready, &1_u64.to_ne_bytes());
+        self.ready.set();
     }
 }
 
@@ -466,10 +488,10 @@ fn declare(
     let packets = |key: String| {
         let into = Arc::clone(inbox);
         let declared = session.declare_subscriber(key).callback(move |sample| {
-            if let Some(link) = link_of(sample.key_expr().as_str())
-                && sample.payload().len() <= PACKET_LIMIT
+            if sample.payload().len() <= PACKET_LIMIT
+                && let Some((link, packet)) = packet(sample.key_expr().as_str(), sample.payload())
             {
-                into.put(Event::Packet { link, packet: bytes_of(sample.payload()) });
+                into.put(Event::Packet { link, packet });
             }
         });
         declared.wait()
@@ -496,8 +518,8 @@ fn declare(
     };
     Ok(Declared {
         _packets: [
-            packets(format!("{ROOT}/links/{me}/*/*/*"))?,
-            packets(format!("{ROOT}/by/*/links/{me}/*/*/*"))?,
+            packets(format!("{ROOT}/links/{me}/*/*"))?,
+            packets(format!("{ROOT}/by/*/links/{me}/*/*"))?,
         ],
         _openings: [
             openings(format!("{ROOT}/open/{me}/*/*"))?,
@@ -516,7 +538,7 @@ fn declare(
     })
 }
 
-/// The bytes of a packet. Of a long one, they stay in the buffer into which the session has read a batch: it is most of that. A
+/// The bytes of what comes. Of a long one, they stay in the buffer into which the session has read a batch: it is most of that. A
 /// short one is copied, so that it does not hold a buffer in which there may be little else.
 fn bytes_of(payload: &ZBytes) -> Bytes {
     let mut slices = payload.slices();
@@ -546,11 +568,13 @@ fn opening(query: Query) -> Option<Opening> {
     is_name(&name).then_some(Opening { link, name, query })
 }
 
-/// The link to which the key of a packet belongs, if it is one.
-fn link_of(key: &str) -> Option<LinkId> {
-    let mut parts = key.rsplit('/');
-    let number = u64::from_str_radix(parts.next()?, 16).ok()?;
-    Some(LinkId { agent: AgentId::read(&mut parts)?, number, router: router::of(key) })
+/// The link to which a packet belongs, and the packet, if it is one.
+fn packet(key: &str, payload: &ZBytes) -> Option<(LinkId, Bytes)> {
+    let agent = AgentId::read(&mut key.rsplit('/'))?;
+    let bytes = bytes_of(payload);
+    let number = u64::from_le_bytes(*bytes.first_chunk()?);
+    let packet = bytes.part(size_of_val(&number)..bytes.len());
+    Some((LinkId { agent, number, router: router::of(key) }, packet))
 }
 
 fn config(

@@ -7,7 +7,6 @@ use hprm::agent::Answer;
 use hprm::printable;
 use hprm_core::PhysicalTime;
 use hprm_federated::relay::{Bytes, End, Input, Output, Relay};
-use rustix::event::PollFd;
 
 use crate::carrier::{FRAME, Way};
 use crate::near::Near;
@@ -84,12 +83,16 @@ impl Link {
         self.near.iter_mut().for_each(|near| near.answer(opened));
     }
 
-    /// What to wait for at this end.
-    pub(crate) fn interests(&self) -> impl Iterator<Item = PollFd<'_>> {
-        let near = self.near.as_ref().filter(|_| self.is_open);
-        let reads = !self.has_finished && self.relay.room() > 0;
-        let writes = !self.unread.is_empty();
-        near.into_iter().flat_map(move |near| near.interests(reads, writes)).flatten()
+    /// Waits at this end for what there is to read and to write.
+    pub(crate) fn wait_for_near(&mut self) -> io::Result<()> {
+        let reads = self.is_open && !self.has_finished && self.relay.room() > 0;
+        let writes = self.is_open && !self.unread.is_empty();
+        self.near.as_mut().map_or(Ok(()), |near| near.wait_for(reads, writes))
+    }
+
+    /// How much is on its way to the other end, in bytes, each frame counted as some thousand at least.
+    pub(crate) fn in_flight(&self) -> u64 {
+        self.relay.in_flight()
     }
 
     pub(crate) fn next_wakeup(&self) -> PhysicalTime {
@@ -140,21 +143,23 @@ impl Link {
         self.handle(now, Input::Abort(why));
     }
 
-    /// The process at this end may have written something, or takes more.
-    pub(crate) fn near_ready(&mut self, now: PhysicalTime) {
-        self.read(now);
+    /// The process at this end may have written something, or takes more. What is read of it is taken from `most`, the bytes
+    /// that may be.
+    pub(crate) fn near_ready(&mut self, now: PhysicalTime, most: &mut u64) {
+        self.read(now, most);
         self.proceed(now);
     }
 
     /// Reads what the process sends, as far as the link takes it.
-    fn read(&mut self, now: PhysicalTime) {
-        while !self.has_finished && self.relay.room() > 0 {
+    fn read(&mut self, now: PhysicalTime, most: &mut u64) {
+        while !self.has_finished && self.relay.room() > 0 && *most > 0 {
             let Some(near) = self.near.as_ref() else { return };
             let room = self.relay.room().min(FRAME);
             match near.read(room) {
                 Ok(None) => self.finish(now),
                 Ok(Some(frame)) => {
                     let was_all = near.is_read_by(frame.len(), room);
+                    *most = most.saturating_sub(frame.len() as u64);
                     self.handle(now, Input::Frame(frame));
                     if was_all {
                         // There was no more of it, or the next wait says so.
@@ -174,16 +179,14 @@ impl Link {
         self.handle(now, Input::Finish);
     }
 
-    /// Does what the machine says, and writes what the process takes. That comes last: on a machine that is busy, the process
-    /// that is woken up may run only when this thread waits again.
+    /// Does what the machine says, first what the process waits for. The answer to the other end then tells what it has taken.
     fn proceed(&mut self, now: PhysicalTime) {
-        loop {
-            while let Some(output) = self.relay.poll() {
-                self.obey(output);
-            }
-            if !self.write(now) {
-                break;
-            }
+        while let Some(output) = self.relay.poll_near() {
+            self.obey(output);
+        }
+        self.write(now);
+        while let Some(output) = self.relay.poll() {
+            self.obey(output);
         }
         self.end_near();
     }
@@ -218,9 +221,8 @@ impl Link {
         }
     }
 
-    /// Writes to the process. Returns whether the machine was told of something.
-    fn write(&mut self, now: PhysicalTime) -> bool {
-        let mut told = false;
+    /// Writes to the process, and tells the machine what that has taken.
+    fn write(&mut self, now: PhysicalTime) {
         while self.is_open
             && let Some(frame) = self.unread.front()
         {
@@ -231,7 +233,7 @@ impl Link {
             match written {
                 Ok(count) => {
                     self.taken += count;
-                    told |= self.took(now);
+                    self.took(now);
                 }
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => break,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
@@ -239,18 +241,16 @@ impl Link {
                 Err(_) => self.is_deaf = true,
             }
         }
-        told
     }
 
     /// A frame has been taken as far as `taken` says.
-    fn took(&mut self, now: PhysicalTime) -> bool {
+    fn took(&mut self, now: PhysicalTime) {
         let len = self.unread.front().map_or(0, |frame| frame.len());
         if self.taken < len {
-            return false;
+            return;
         }
         self.unread.pop_front();
         self.taken = 0;
         let _ = self.relay.handle(now, Input::Taken(len));
-        true
     }
 }

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::io::{self, IoSlice, Read, Write};
 use std::mem::MaybeUninit;
-use std::os::fd::{AsFd, BorrowedFd};
+use std::os::fd::AsFd;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
 
@@ -15,23 +15,25 @@ use rustix::net::{SendAncillaryBuffer, SendAncillaryMessage, SendFlags, sendmsg,
 
 use crate::Failure;
 use crate::starters::Starters;
+use crate::waiting::{Watch, Watched};
 
 /// How many connections may wait for their first line; the oldest makes room for another one.
 const GREETINGS: usize = 64;
 
 /// See the module.
 pub(crate) struct Local {
-    listener: UnixListener,
+    watch: Watch,
+    listener: Watched<UnixListener>,
     rest: Rest,
     path: Option<String>,
     /// Connections whose first line is not complete.
-    greetings: Vec<(UnixStream, Vec<u8>)>,
-    registrations: BTreeMap<String, UnixStream>,
+    greetings: Vec<(Watched<UnixStream>, Vec<u8>)>,
+    registrations: BTreeMap<String, Watched<UnixStream>>,
 }
 
 impl Local {
     /// Listens for processes of this user.
-    pub(crate) fn listen() -> Result<Self, Failure> {
+    pub(crate) fn listen(watch: Watch) -> Result<Self, Failure> {
         let address = agent_address().map_err(Failure::new)?;
         let failed = |error: io::Error| match error.kind() {
             io::ErrorKind::AddrInUse => {
@@ -43,20 +45,13 @@ impl Local {
         let socket = socket_address(&address).map_err(failed)?;
         let listener = UnixListener::bind_addr(&socket).map_err(failed)?;
         listener.set_nonblocking(true).map_err(failed)?;
+        let listener = watch.until_readable(listener).map_err(failed)?;
         let path = match address {
             Address::Path(path) => Some(path),
             _ => None,
         };
         let (greetings, registrations, rest) = (Vec::new(), BTreeMap::new(), Rest::default());
-        Ok(Self { listener, rest, path, greetings, registrations })
-    }
-
-    /// What shows that there is something to do.
-    pub(crate) fn descriptors(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
-        let greetings = self.greetings.iter().map(|(stream, _)| stream.as_fd());
-        let registrations = self.registrations.values().map(AsFd::as_fd);
-        let listener = self.rest.until().is_none().then(|| self.listener.as_fd());
-        listener.into_iter().chain(greetings).chain(registrations)
+        Ok(Self { watch, listener, rest, path, greetings, registrations })
     }
 
     /// When connections are accepted again that there was no descriptor for.
@@ -68,7 +63,7 @@ impl Local {
     pub(crate) fn requests(&mut self) -> Vec<(UnixStream, Request)> {
         let (mut requests, now) = (Vec::new(), Clock::local());
         while self.rest.is_over(now) {
-            let stream = match self.listener.accept() {
+            let stream = match self.listener.get().accept() {
                 Ok((stream, _)) => stream,
                 Err(error) => {
                     if self.rest.begins_in_agent(&error, now) {
@@ -79,14 +74,20 @@ impl Local {
             };
             let is_mine = sockopt::socket_peercred(&stream)
                 .is_ok_and(|peer| peer.uid == rustix::process::geteuid());
-            if is_mine && stream.set_nonblocking(true).is_ok() {
+            if is_mine
+                && stream.set_nonblocking(true).is_ok()
+                // Without memory for that, the process is told the same as by an agent that has ended.
+                && let Ok(stream) = self.watch.until_readable(stream)
+            {
                 self.greetings.push((stream, Vec::new()));
             }
             if self.greetings.len() > GREETINGS {
                 self.make_room(&mut requests);
             }
         }
-        self.registrations.retain(|_, stream| is_open(stream));
+        // It can be read as long as it rests.
+        let _ = self.listener.set(self.rest.until().is_none());
+        self.registrations.retain(|_, stream| is_open(stream.get()));
         self.read_greetings(&mut requests);
         requests
     }
@@ -103,12 +104,12 @@ impl Local {
 
     /// Reads the first lines of connections, as far as they have come.
     fn read_greetings(&mut self, requests: &mut Vec<(UnixStream, Request)>) {
-        for (mut stream, mut line) in std::mem::take(&mut self.greetings) {
-            match read_line(&mut stream, &mut line) {
+        for (stream, mut line) in std::mem::take(&mut self.greetings) {
+            match read_line(stream.get(), &mut line) {
                 Ok(false) => self.greetings.push((stream, line)),
                 Ok(true) => match Request::read(&String::from_utf8_lossy(&line)) {
-                    Ok(request) => requests.push((stream, request)),
-                    Err(wrong) => answer(&stream, &Answer::Refused(wrong)),
+                    Ok(request) => requests.push((stream.into_inner(), request)),
+                    Err(wrong) => answer(stream.get(), &Answer::Refused(wrong)),
                 },
                 // The process has ended, or says more than a line.
                 Err(_) => {}
@@ -118,7 +119,7 @@ impl Local {
 
     /// Registers a listener, or says why not.
     pub(crate) fn register(&mut self, machine: &str, place: &Place, stream: UnixStream) {
-        self.registrations.retain(|_, stream| is_open(stream));
+        self.registrations.retain(|_, stream| is_open(stream.get()));
         let refusal = if !place.is_on(machine) {
             Some(format!("this machine is {machine}: listen at agent:{machine}/{}", place.name))
         } else if Starters::is_meant(&place.name) {
@@ -128,18 +129,19 @@ impl Local {
         } else {
             None
         };
-        match refusal {
-            Some(text) => answer(&stream, &Answer::Refused(text)),
-            None => {
-                answer(&stream, &Answer::Done(machine.to_owned()));
-                self.registrations.insert(place.name.clone(), stream);
-            }
+        if let Some(text) = refusal {
+            return answer(&stream, &Answer::Refused(text));
+        }
+        answer(&stream, &Answer::Done(machine.to_owned()));
+        // A connection that cannot be watched ends, and the process learns that.
+        if let Ok(stream) = self.watch.until_readable(stream) {
+            self.registrations.insert(place.name.clone(), stream);
         }
     }
 
     /// Whether a process listens under a name.
     pub(crate) fn listens(&self, name: &str) -> bool {
-        self.registrations.get(name).is_some_and(is_open)
+        self.registrations.get(name).is_some_and(|stream| is_open(stream.get()))
     }
 
     /// Hands a connection to the process that listens under a name. Returns whether there is one.
@@ -149,7 +151,7 @@ impl Local {
         let mut control = SendAncillaryBuffer::new(&mut space);
         let descriptors = [connection.as_fd()];
         let fits = control.push(SendAncillaryMessage::ScmRights(&descriptors));
-        let sent = sendmsg(stream, &[IoSlice::new(&[1])], &mut control, SendFlags::NOSIGNAL);
+        let sent = sendmsg(stream.get(), &[IoSlice::new(&[1])], &mut control, SendFlags::NOSIGNAL);
         fits && sent.is_ok()
     }
 }
@@ -179,7 +181,7 @@ fn socket_address(address: &Address) -> io::Result<SocketAddr> {
 
 /// Reads a line as far as it has come. Returns whether it is complete. A process writes nothing after it before it has
 /// an answer.
-fn read_line(stream: &mut UnixStream, line: &mut Vec<u8>) -> io::Result<bool> {
+fn read_line(mut stream: &UnixStream, line: &mut Vec<u8>) -> io::Result<bool> {
     let mut buffer = [0; LINE_LIMIT];
     loop {
         match stream.read(&mut buffer) {

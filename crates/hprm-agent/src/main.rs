@@ -5,6 +5,7 @@
 //! of this machine want, `link.rs` one link, `starters.rs` what starts programs for other machines, `limits.rs` and `groups.rs` what these may use, `credentials.rs` how machines
 //! come to belong together, `membership.rs` how they learn that this has changed, `renewal.rs` how they get certificates that end later, `access.rs` what each
 //! of them may say, `door.rs` how long a session connects,
+//! `waiting.rs` what the loop waits for, `threads.rs` on which thread,
 //! `replies.rs` where queries of others are answered.
 
 #![forbid(unsafe_code)]
@@ -28,6 +29,7 @@ mod replies;
 mod router;
 mod starters;
 mod threads;
+mod waiting;
 
 use std::process::ExitCode;
 
@@ -66,8 +68,8 @@ fn main() -> ExitCode {
     let done = match &arguments.word {
         Some(word) => credentials::run(word),
         None => arguments.check().and_then(|options| {
-            options.tls.as_ref().map(|_| threads::share()).transpose()?;
-            agent::run(&options)
+            threads::share()?;
+            agent::run(options)
         }),
     };
     match done {

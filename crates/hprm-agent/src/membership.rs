@@ -8,7 +8,8 @@
 //! change gets around like a rumour, and whoever carries it cannot change it: it is signed. Agents whose certificates
 //! are not on the roster ask and answer as well; otherwise nobody would tell an agent that it knows too little.
 
-use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::io;
+use std::os::fd::OwnedFd;
 use std::time::Duration;
 
 use hprm_core::{Nanos, PhysicalTime};
@@ -23,6 +24,7 @@ use crate::carrier::asking;
 use crate::credentials::{Certificate, Credentials};
 use crate::renewal::Rounds;
 use crate::replies::Replies;
+use crate::waiting::{Watch, Watched};
 
 /// How often other agents are asked, and how often at most.
 const ASKING: Nanos = 10_000_000_000;
@@ -45,7 +47,7 @@ pub(crate) enum News {
 /// See the module.
 pub(crate) struct Membership {
     pub(crate) credentials: Credentials,
-    changes: OwnedFd,
+    changes: Watched<OwnedFd>,
     asked: PhysicalTime,
     ask_at: PhysicalTime,
     /// When others are asked for certificates.
@@ -54,12 +56,17 @@ pub(crate) struct Membership {
 
 impl Membership {
     /// Watches the folder of the credentials.
-    pub(crate) fn new(credentials: Credentials, now: PhysicalTime) -> Result<Self, Failure> {
+    pub(crate) fn new(
+        credentials: Credentials,
+        now: PhysicalTime,
+        watch: &Watch,
+    ) -> Result<Self, Failure> {
         let folder = credentials.folder();
         let watched = init(CreateFlags::NONBLOCK | CreateFlags::CLOEXEC).and_then(|changes| {
             add_watch(&changes, folder, WatchFlags::MOVED_TO | WatchFlags::CLOSE_WRITE)?;
             Ok(changes)
         });
+        let watched = watched.map_err(io::Error::from).and_then(|it| watch.until_readable(it));
         let changes = watched.map_err(|error| {
             Failure::new(format!("the agent cannot watch {}: {error}", folder.display()))
         })?;
@@ -102,7 +109,7 @@ impl Membership {
     pub(crate) fn look(&mut self) -> Result<Option<Credentials>, Failure> {
         let mut has_changed = false;
         // It ends when nothing more has changed.
-        while rustix::io::read(&self.changes, &mut [0; 4096]).is_ok_and(|count| count > 0) {
+        while rustix::io::read(self.changes.get(), &mut [0; 4096]).is_ok_and(|count| count > 0) {
             has_changed = true;
         }
         if has_changed {
@@ -126,12 +133,6 @@ impl Membership {
                 Ok(None)
             }
         }
-    }
-}
-
-impl AsFd for Membership {
-    fn as_fd(&self) -> BorrowedFd<'_> {
-        self.changes.as_fd()
     }
 }
 

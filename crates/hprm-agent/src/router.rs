@@ -97,6 +97,14 @@ pub(crate) fn key(router: Option<&str>, rest: &str) -> String {
     }
 }
 
+/// How this agent hears what another one says with a key, perhaps to a router.
+pub(crate) fn key_from(router: Option<&str>, rest: &str) -> String {
+    match router {
+        Some(router) => format!("{ROOT}/by/{router}/{rest}"),
+        None => format!("{ROOT}/{rest}"),
+    }
+}
+
 /// The router that has led what is said with a key.
 pub(crate) fn of(key: &str) -> Option<String> {
     let rest = key.strip_prefix(ROOT)?.strip_prefix("/by/")?;
@@ -211,10 +219,12 @@ mod tests {
 
     #[test]
     fn what_comes_to_a_router_is_heard_as_led_by_it() {
-        let direct = key(None, "links/a/1/b/2/3");
-        let there = key(Some("hub"), "links/a/1/b/2/3");
+        let direct = key(None, "links/a/1/b/2");
+        let there = key(Some("hub"), "links/a/1/b/2");
         let heard = onward(&there).unwrap();
-        assert_eq!(heard, "hprm/agents/1/by/hub/links/a/1/b/2/3");
+        assert_eq!(heard, "hprm/agents/1/by/hub/links/a/1/b/2");
+        assert_eq!(heard, key_from(Some("hub"), "links/a/1/b/2"));
+        assert_eq!(direct, key_from(None, "links/a/1/b/2"));
         assert_eq!((of(&direct), of(&there), of(&heard).as_deref()), (None, None, Some("hub")));
         assert_eq!((onward(&direct), onward(&heard)), (None, None));
     }

@@ -1,12 +1,14 @@
 //! Starters: processes that start programs here for other machines, one for each link to [`STARTERS`].
 //!
-//! The agent only leads their links. What they do, and for whom, is the business of `hprm starter`.
+//! The agent only leads their links. What they do, and for whom, is the business of `hprm starter`. The kernel ends them when the
+//! thread ends that has started them, so that is one which is there as long as the agent is ([`Spawns`]).
 
 use std::env;
 use std::io;
 use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
 use hprm::Clock;
@@ -28,6 +30,12 @@ const LOOK: Nanos = 250_000_000;
 /// How long processes may take to be gone that were killed.
 const GONE: Duration = Duration::from_secs(1);
 
+/// A process that is to be started, and where it goes.
+type Spawn = (Command, Sender<io::Result<Child>>);
+
+/// Processes that are to be started.
+pub(crate) struct Spawns(Receiver<Spawn>);
+
 /// See the module.
 pub(crate) struct Starters {
     machine: String,
@@ -39,11 +47,22 @@ pub(crate) struct Starters {
     groups: Option<Groups>,
     /// Why there are none, if programs are started without.
     ungrouped: Option<String>,
+    spawns: Sender<Spawn>,
+}
+
+impl Spawns {
+    /// Starts what is to be started, until the agent has ended.
+    pub(crate) fn start(self) {
+        for (mut command, started) in self.0 {
+            // The agent waits for it.
+            let _ = started.send(command.spawn());
+        }
+    }
 }
 
 impl Starters {
     /// None yet. If there may be any, the agent gets control groups, where the system lets it.
-    pub(crate) fn new(machine: &str, programs: Option<Programs>) -> Self {
+    pub(crate) fn new(machine: &str, programs: Option<Programs>) -> (Self, Spawns) {
         let groups = programs.is_some().then(Groups::open);
         let (groups, ungrouped) = match groups {
             Some(Ok(groups)) => (Some(groups), None),
@@ -51,7 +70,9 @@ impl Starters {
             None => (None, None),
         };
         let (running, ending) = (Vec::new(), Vec::new());
-        Self { machine: machine.to_owned(), programs, running, ending, groups, ungrouped }
+        let (machine, (spawns, spawned)) = (machine.to_owned(), channel());
+        let starters = Self { machine, programs, running, ending, groups, ungrouped, spawns };
+        (starters, Spawns(spawned))
     }
 
     /// For what the limits of programs count, if the agent starts any.
@@ -107,7 +128,7 @@ impl Starters {
         }
         threads::forget(&mut command);
         command.stdin(Stdio::from(std::os::fd::OwnedFd::from(socket))).stdout(Stdio::null());
-        match command.spawn() {
+        match self.spawn(command) {
             Ok(starter) => self.running.push((starter, group)),
             Err(error) => {
                 self.ending.extend(group);
@@ -115,6 +136,13 @@ impl Starters {
             }
         }
         Ok(())
+    }
+
+    fn spawn(&self, command: Command) -> io::Result<Child> {
+        let (started, starts) = channel();
+        let gone = || io::Error::other("the agent ends");
+        self.spawns.send((command, started)).map_err(|_| gone())?;
+        starts.recv().map_err(|_| gone())?
     }
 
     /// Takes note of those that have ended, and ends what is left of their programs.

@@ -1,20 +1,26 @@
-//! How many threads Zenoh has for a TLS connection: one.
+//! How many threads read and write Zenoh's connections: one, in which the loop of the agent is a task as well.
 //!
 //! Zenoh 1.10 reads a TLS connection on one thread and writes it on another one, without a lock between them. When both
 //! do so at the same time, the connection breaks ("handshake not complete"), many times a second where much is sent both ways; and
 //! nobody knows what else such a race does. If one thread does both, there is none. Zenoh takes that from its environment
 //! only, so this program starts itself once more.
+//!
+//! It is quick, too: what is for a process of this machine, or comes from one, wakes up no other thread on its way (`waiting.rs`).
 
 use std::env;
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::Command;
 
+use tokio::runtime::Handle;
+use zenoh_runtime::ZRuntime;
+
 use crate::Failure;
 
 /// The variable that Zenoh reads, and what is in it here.
 const VARIABLE: &str = "ZENOH_RUNTIME";
-const ONE: &str = "(rx: (handover: tx), tx: (worker_threads: 1))";
+const ONE: &str =
+    "(rx: (handover: tx), acc: (handover: tx), net: (handover: tx), tx: (worker_threads: 1))";
 
 /// Comes back in a process in which one thread reads and writes.
 ///
@@ -34,6 +40,12 @@ pub(crate) fn share() -> Result<(), Failure> {
     }
     let error = again.args(words).env(VARIABLE, ONE).exec();
     Err(Failure::new(format!("the agent cannot start itself again: {error}")))
+}
+
+/// What runs tasks on that thread.
+pub(crate) fn runtime() -> &'static Handle {
+    const SHARED: &ZRuntime = &ZRuntime::TX;
+    SHARED
 }
 
 /// Keeps from a process that this one starts what was only for this one.

@@ -217,6 +217,12 @@ impl Relay {
         if self.ended.is_some() { 0 } else { self.outgoing.room() }
     }
 
+    /// How much is on its way to the other end, in bytes: each frame counts as some thousand at least.
+    #[must_use]
+    pub fn in_flight(&self) -> u64 {
+        if self.ended.is_some() { 0 } else { self.outgoing.flight() }
+    }
+
     /// What has come that was of no use.
     #[must_use]
     pub fn dropped(&self) -> Dropped {
@@ -274,6 +280,11 @@ impl Relay {
         }
         self.pass_time(is_wake);
         Ok(())
+    }
+
+    /// What is to be done next for the process at this end, and is no packet. Packets can say what the process has taken of it.
+    pub fn poll_near(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
     }
 
     /// What is to be done next. One answer is enough for all packets that have come before.

@@ -117,6 +117,11 @@ impl Outgoing {
         usize::try_from(WINDOW_BYTES - self.held).unwrap_or(usize::MAX).min(FRAME_LIMIT)
     }
 
+    /// What is on its way, by cost.
+    pub(super) fn flight(&self) -> u64 {
+        self.flight
+    }
+
     /// Takes a frame for which there is room, or the end.
     pub(super) fn give(&mut self, item: Item) {
         self.is_finished |= item == Item::Finish;
