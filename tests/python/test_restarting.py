@@ -85,20 +85,29 @@ LEAVE = FORWARD.replace(
     out.set""",
 )
 
-#: Python runs this first: a process of `mid` that is started again waits for the test.
+#: A process that loads its program says so and waits for the test, once there is the file `slow`.
+SLOW = """
+  preamble {=
+    import time
+    if os.path.exists("slow"): open("loads", "w").close()
+    while os.path.exists("slow") and not os.path.exists("ready"): time.sleep(0.01)
+  =}
+"""
+
+#: Python runs this first: a process of `mid` that `hprm run` starts waits for the test.
 WAIT = """
 import os, time
 words = open("/proc/self/cmdline").read().split(chr(0))
-if "--launched" in words and words[-2] == "mid" and os.path.exists("mid0.pid"):
+if "--launched" in words and words[-2] == "mid" and os.path.exists(AFTER):
     open("waits", "w").close()
     while not os.path.exists("go"): time.sleep(0.01)
 """
 
 
-def start_delayed(bench: Bench, text: str) -> subprocess.Popen[str]:
-    """Start `hprm run`; the second process of `mid` waits before it joins."""
+def start_delayed(bench: Bench, text: str, after: str = "mid0.pid") -> subprocess.Popen[str]:
+    """Start `hprm run`; a process of `mid` waits before it joins, once that file is there."""
     (bench.folder / "Main.lf").write_text(text)
-    (bench.folder / "sitecustomize.py").write_text(WAIT)
+    (bench.folder / "sitecustomize.py").write_text(WAIT.replace("AFTER", repr(after)))
     return bench.call("run", "Main.lf", environment={"PYTHONPATH": str(bench.folder)})
 
 
@@ -396,6 +405,106 @@ def test_one_that_finds_the_federation_gone_has_not_failed(bench: Bench, coordin
     assert "warning: federate mid does not come back: the federation ends" in outcome.err
 
 
+@pytest.mark.parametrize("restart", ["", '@restart("on-failure", sec=0)'])
+@pytest.mark.parametrize("gone", [False, True])
+def test_one_that_first_comes_when_all_end_has_not_failed(
+    bench: Bench, restart: str, gone: bool
+) -> None:
+    # The RTI is there, and lets none join any more; or it has gone, too.
+    body = FORWARD if gone else SLOW + FORWARD
+    text = program("centralized", restart, body, "300 ms")
+    if not gone:
+        stays = """print("ends", flush=True)
+    while not os.path.exists("ready"): pass
+    print("ticks","""
+        text = text.replace('print("ticks",', stays)
+    process = start_delayed(bench, text, after="Main.lf")
+    hear(process.stdout, "[down] seen" if gone else "[down] ends")
+    until((bench.folder / "waits").exists, "the process starts")
+    time.sleep(0.5)
+    (bench.folder / "go").touch()
+    if not gone:
+        time.sleep(1)
+        (bench.folder / "ready").touch()
+    outcome = finish(process)
+    assert (outcome.code, outcome.errors) == (0, []), outcome.err
+    said = "warning: federate mid has not joined: the federation has ended"
+    assert outcome.err.count(said) == 1, outcome.err
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_successor_that_is_killed_while_it_loads_changes_nothing(
+    bench: Bench, coordination: str
+) -> None:
+    text = program(coordination, '@restart("on-failure")', SLOW + FORWARD, "60 s")
+    process = bench.start(text)
+    first = bench.pid("mid0")
+    (bench.folder / "slow").touch()
+    by_hand = bench.call("federate", "Main.lf", "mid")
+    until((bench.folder / "loads").exists, "the successor loads its program")
+    by_hand.kill()
+    finish(by_hand)
+    said = "warning: another process was joining as federate mid, and has ended"
+    heard = hear(process.stderr, said)
+    (bench.folder / "slow").unlink()
+    # It goes on, and is started again as before.
+    os.kill(first, signal.SIGKILL)
+    bench.pid("mid1")
+    (bench.folder / "stop").touch()
+    outcome = finish(process)
+    assert (outcome.code, outcome.errors) == (0, []), outcome.err
+    assert len(restarts(Outcome(0, "", heard + outcome.err))) == 1, outcome.err
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_one_that_is_away_comes_back_when_the_process_that_joins_instead_is_killed(
+    bench: Bench, coordination: str
+) -> None:
+    text = program(coordination, '@restart("on-failure", sec=1 s)', SLOW + FORWARD, "60 s")
+    process = bench.start(text)
+    first = bench.pid("mid0")
+    (bench.folder / "slow").touch()
+    by_hand = bench.call("federate", "Main.lf", "mid")
+    until((bench.folder / "loads").exists, "the successor loads its program")
+    os.kill(first, signal.SIGKILL)
+    heard = hear(process.stderr, "restart 1 follows")
+    # The pause is over, and nothing is started while the other process joins.
+    time.sleep(2)
+    assert shown_restarts(bench, str(process.pid))["mid"] == 0
+    by_hand.kill()
+    (bench.folder / "slow").unlink()
+    finish(by_hand)
+    bench.pid("mid1")
+    (bench.folder / "stop").touch()
+    outcome = finish(process)
+    assert (outcome.code, outcome.errors) == (0, []), outcome.err
+    assert len(restarts(Outcome(0, "", heard + outcome.err))) == 1, outcome.err
+
+
+@pytest.mark.parametrize("is_first", [False, True])
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_what_the_command_starts_gives_way_to_a_process_that_was_started_by_hand(
+    bench: Bench, coordination: str, is_first: bool
+) -> None:
+    text = program(
+        coordination, '@restart("always", sec=0)', FORWARD if is_first else LEAVE, "60 s"
+    )
+    process = start_delayed(bench, text, after="Main.lf" if is_first else "mid0.pid")
+    until((bench.folder / "waits").exists, "a process starts")
+    if is_first:
+        until(lambda: "mid" in shown_restarts(bench, str(process.pid)), "the federation runs")
+    by_hand = bench.call("federate", "Main.lf", "mid")
+    bench.pid("mid0" if is_first else "mid1")
+    (bench.folder / "go").touch()
+    heard = hear(process.stderr, "as federate mid: this federate has already joined")
+    (bench.folder / "stop").touch()
+    assert finish(by_hand).code == 0
+    outcome = finish(process)
+    assert (outcome.code, outcome.errors) == (0, []), outcome.err
+    assert len(restarts(Outcome(0, "", heard + outcome.err))) == (0 if is_first else 1)
+    assert not (bench.folder / ("mid1.pid" if is_first else "mid2.pid")).exists()
+
+
 @pytest.mark.parametrize("restart", ["", '@restart("on-failure")'])
 @pytest.mark.parametrize("coordination", COORDINATIONS)
 def test_the_loss_of_a_successor_is_not_blamed_on_its_predecessor(
@@ -414,16 +523,10 @@ def test_the_loss_of_a_successor_is_not_blamed_on_its_predecessor(
 
 
 def test_one_that_is_refused_as_a_duplicate_has_not_failed(bench: Bench) -> None:
-    body = """
-    preamble {=
-      import time
-      if os.path.exists("waits"): open("loads", "w").close()
-      while os.path.exists("loads") and not os.path.exists("ready"): time.sleep(0.01)
-    =}
-    """
-    text = program("centralized", '@restart("always", sec=0)', body + LEAVE, "60 s")
+    text = program("centralized", '@restart("always", sec=0)', SLOW + LEAVE, "60 s")
     process = start_delayed(bench, text)
     until((bench.folder / "waits").exists, "the second process starts")
+    (bench.folder / "slow").touch()
     by_hand = bench.call("federate", "Main.lf", "mid")
     until((bench.folder / "loads").exists, "the one by hand has joined, and loads its program")
     (bench.folder / "go").touch()

@@ -82,7 +82,7 @@ impl Waiting {
     /// Returns whether it has changed.
     fn observe(&mut self, event: &RtiEvent) -> bool {
         match event {
-            RtiEvent::Joined(federate) => self.note(*federate, true),
+            RtiEvent::Joined { federate, .. } => self.note(*federate, true),
             RtiEvent::Left(federate) => self.note(*federate, false),
             RtiEvent::Started(_) | RtiEvent::Failed { .. } => {
                 self.over = true;
@@ -125,13 +125,13 @@ mod tests {
         assert_eq!(waiting.line(), None);
         waiting.speaks = true;
         assert_eq!(waiting.line().as_deref(), Some("waiting for federates a, b"));
-        assert!(!waiting.observe(&RtiEvent::Joined(ids[2])));
-        assert!(waiting.observe(&RtiEvent::Joined(ids[1])));
+        assert!(!waiting.observe(&RtiEvent::Joined { federate: ids[2], launched: true }));
+        assert!(waiting.observe(&RtiEvent::Joined { federate: ids[1], launched: true }));
         assert_eq!(waiting.line().as_deref(), Some("waiting for federate a"));
         assert!(waiting.observe(&RtiEvent::Left(ids[1])));
         assert_eq!(waiting.line().as_deref(), Some("waiting for federates a, b"));
-        assert!(waiting.observe(&RtiEvent::Joined(ids[1])));
-        assert!(waiting.observe(&RtiEvent::Joined(ids[0])));
+        assert!(waiting.observe(&RtiEvent::Joined { federate: ids[1], launched: true }));
+        assert!(waiting.observe(&RtiEvent::Joined { federate: ids[0], launched: true }));
         assert_eq!(waiting.line(), None);
         let mut started = Waiting { over: false, ..waiting.clone() };
         started.note(ids[0], false);

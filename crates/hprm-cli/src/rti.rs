@@ -219,7 +219,7 @@ impl Failures {
 fn message_of(program: &Program, event: RtiEvent) -> Result<Option<String>, Box<Verdict>> {
     let name = |federate: FederateId| program.federates[federate].name.as_str();
     Ok(Some(match event {
-        RtiEvent::Joined(federate) => format!("federate {} joined", name(federate)),
+        RtiEvent::Joined { federate, .. } => format!("federate {} joined", name(federate)),
         RtiEvent::Refused { name, reason } => {
             let hint = reason.hint().map(|hint| format!("\n  hint: {hint}")).unwrap_or_default();
             format!("refused federate {name}: {reason}{hint}")
@@ -231,7 +231,10 @@ fn message_of(program: &Program, event: RtiEvent) -> Result<Option<String>, Box<
         RtiEvent::Started(_) => "the federation starts".to_owned(),
         RtiEvent::Silent { federate, silence } => on_silent(name(federate), silence),
         RtiEvent::Answers { federate, silence } => on_answer(name(federate), silence),
-        RtiEvent::Dropped { federate, report } | RtiEvent::Failed { federate, report } => {
+        RtiEvent::Withdrawn { report: None, .. } => return Ok(None),
+        RtiEvent::Withdrawn { federate, report: Some(report) }
+        | RtiEvent::Dropped { federate, report }
+        | RtiEvent::Failed { federate, report } => {
             let verdict = Verdict::on_federate(name(federate), None, Some(&report), None);
             return Err(Box::new(verdict));
         }

@@ -314,6 +314,7 @@ fn hello_of_another_version(body: &[u8]) -> Option<Frame> {
         host: HostId(0),
         listen: None,
         attempt: Attempt { process: 0, number: 0 },
+        launched: false,
     })
 }
 
@@ -460,6 +461,7 @@ mod tests {
             fingerprint: ids.1,
             federate: FederateId(ids.2),
             host: HostId(3),
+            launched: listen.is_none(),
             listen,
             attempt,
         });

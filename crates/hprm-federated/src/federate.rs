@@ -139,6 +139,7 @@ impl Federate {
             host,
             listen,
             attempt: Attempt { process, number: 0 },
+            launched: false,
         };
         Self {
             me,
@@ -167,6 +168,16 @@ impl Federate {
             rti_link_lost: false,
             hello,
         }
+    }
+
+    /// Has the RTI know whether the launcher of the federation has started this process, which has sent nothing so far.
+    #[must_use]
+    pub fn launched(mut self, is: bool) -> Self {
+        if let Frame::Hello { launched, .. } = &mut self.hello {
+            *launched = is;
+        }
+        self.outputs = VecDeque::from([Output::ToRti(self.hello.clone())]);
+        self
     }
 
     /// Sets another limit for the bytes in transit to a receiver when a tag begins. The limit must be the same in

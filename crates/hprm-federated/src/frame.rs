@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::{Posting, Step};
 
 /// The version of the frames and of their meaning; both ends of a link must have the same.
-pub const PROTOCOL: u32 = 18;
+pub const PROTOCOL: u32 = 19;
 
 /// Identifies a federation. The driver keeps it secret if processes have to prove that they know it; then frames
 /// carry an id that is derived from it.
@@ -247,6 +247,8 @@ pub enum Frame {
         listen: Option<String>,
         /// Which process asks, and for which time.
         attempt: Attempt,
+        /// Whether the launcher of the federation has started it, and no user.
+        launched: bool,
     },
     /// RTI to federate, last on a link: the federate may not join.
     Refused {

@@ -113,6 +113,8 @@ pub enum RtiOutput {
         federate: FederateId,
         /// Its link.
         link: LinkId,
+        /// Whether the launcher of the federation has started its process.
+        launched: bool,
     },
     /// A federate's link has ended before all had joined. It may join again; the others wait for it.
     Left {
@@ -128,6 +130,14 @@ pub enum RtiOutput {
     Entered {
         /// The federate.
         federate: FederateId,
+    },
+    /// A process that has joined the running federation does not take part after all. If another process is that federate,
+    /// nothing changes about that one.
+    Withdrawn {
+        /// The federate.
+        federate: FederateId,
+        /// Why, for people, and the exit code of its process, if it could not continue.
+        failure: Option<(String, i32)>,
     },
     /// All federates are ready, and know the time of tag zero.
     Started {

@@ -71,6 +71,7 @@ fn samples() -> Vec<Frame> {
             host: HostId(1),
             listen: Some("tcp:127.0.0.1:1".to_owned()),
             attempt: Attempt { process: 1 << 40, number: 2 },
+            launched: true,
         },
         Frame::Refused { reason: Refusal::TooLate },
         Frame::Refused {

@@ -145,7 +145,9 @@ fn tell(listener: &Py<PyAny>, program: &Program, event: RtiEvent) {
     let named = |federate| program.federates[federate].name.as_str();
     let seconds = |silence: &Nanos| *silence as f64 / 1e9;
     let (kind, name, text, silent_for) = match &event {
-        RtiEvent::Dropped { federate, report } | RtiEvent::Failed { federate, report } => {
+        RtiEvent::Withdrawn { federate, report: Some(report) }
+        | RtiEvent::Dropped { federate, report }
+        | RtiEvent::Failed { federate, report } => {
             let kind = if report.kind == Kind::Lost { "lost" } else { "failed" };
             let verdict = Verdict::on_federate(named(*federate), None, Some(report), None);
             (kind, named(*federate), verdict.report.text(Label::Error, false), 0.0)
@@ -157,7 +159,8 @@ fn tell(listener: &Py<PyAny>, program: &Program, event: RtiEvent) {
             ("answers", named(*federate), String::new(), seconds(silence))
         }
         RtiEvent::Refused { name, reason } => ("refused", name.as_str(), reason.to_string(), 0.0),
-        RtiEvent::Joined(_)
+        RtiEvent::Joined { .. }
+        | RtiEvent::Withdrawn { report: None, .. }
         | RtiEvent::Left(_)
         | RtiEvent::Loaded(_)
         | RtiEvent::Entered(_)

@@ -215,7 +215,7 @@ fn become_executable(
     let meeting = Meeting { rti, federation: *federation, security };
     let name = &compiled.program.federates[options.federate].name;
     let mut handover = Handover::new(name, &compiled.program, &options.fingerprint, &meeting);
-    handover.launched = options.end_process.is_none();
+    handover.launched = options.launched;
     handover.store = compiled.settings.store;
     handover.parameters.clone_from(&executable.parameters);
     handover.connect_timeout = reach.connect_timeout.as_secs_f64();
@@ -344,6 +344,7 @@ pub(crate) fn options(
         store: hprm::store_limits(compiled.settings.store),
         trace: logical_trace.map(|file| TraceShare::new(file, share_of)),
         record: TraceRequest::of_this_process(),
+        launched,
         end_process: (!launched).then_some(forced_end::after_failure as hprm::EndProcess),
     })
 }

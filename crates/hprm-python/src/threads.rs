@@ -159,6 +159,7 @@ impl Plan {
                     TraceShare::new(folder.join(&federate.name), self.share_of.clone())
                 }),
                 record: record.clone(),
+                launched: true,
                 end_process: None,
             };
             let (checked, exchange) = (Arc::clone(&self.checked), exchange.clone());

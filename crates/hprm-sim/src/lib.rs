@@ -27,6 +27,7 @@ mod network;
 mod node;
 mod oracle;
 mod patience;
+mod places;
 mod plan;
 mod relayed;
 mod rng;

@@ -3,7 +3,7 @@
 //! It does what a driver does: it handles all inputs, reports the next event, asks whether the tag may
 //! begin, and processes it.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::hash::{Hash, Hasher};
 use std::sync::Arc;
 
@@ -100,6 +100,8 @@ struct Launch {
     federation: FederationId,
     fingerprint: Arc<Fingerprint>,
     flow_limit: u64,
+    /// Processes that users start.
+    by_hand: BTreeSet<Instance>,
     host: HostId,
     /// How long the RTI has to explain why a direct link is broken, if not as long as usual.
     explanation: Option<Nanos>,
@@ -124,7 +126,8 @@ impl Launch {
             listen,
             process,
         )
-        .with_flow_limit(self.flow_limit);
+        .with_flow_limit(self.flow_limit)
+        .launched(!self.by_hand.contains(&me));
         match self.explanation {
             Some(limit) => machine.with_explanation(limit),
             None => machine,
@@ -143,6 +146,7 @@ impl Node {
             federation,
             fingerprint: Arc::clone(fingerprint),
             flow_limit: plan.flow_limit.unwrap_or(FLOW_LIMIT),
+            by_hand: plan.by_hand.clone(),
             host: host(me.federate, plan),
             explanation: plan.machines.as_ref().map(|_| TOLD),
         };

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use hprm_core::{ChannelId, FederateId, Nanos, PhysicalTime, Table, Tag};
 use hprm_federated::DnetMode;
 
-use crate::network::{Latency, Partition};
+use crate::network::{Instance, Latency, Partition};
 use crate::{Log, Machines, Maxwait, Traffic};
 
 /// What is to happen besides the program.
@@ -37,6 +37,8 @@ pub struct Plan {
     pub resets: Option<Resets>,
     /// Transient federates that are not launched at the beginning.
     pub absent: BTreeSet<FederateId>,
+    /// Processes of transient federates that users start; a launcher starts the others.
+    pub by_hand: BTreeSet<Instance>,
     /// What happens to transient federates, and when.
     pub visits: Vec<(FederateId, PhysicalTime, Visit)>,
     /// How many bytes may be in transit to a receiver when a tag begins, if not as many as usual.
@@ -109,6 +111,8 @@ pub struct Outcome {
     pub last: Table<FederateId, Tag>,
     /// Which of them left before the others.
     pub left: Table<FederateId, bool>,
+    /// How many processes did not take part, while the one ran whose place they would have taken.
+    pub withdrawn: usize,
     /// How many messages were tardy.
     pub tardy: usize,
     /// How many messages did not arrive before their receiver ended, although it had to get them.

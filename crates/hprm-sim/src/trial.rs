@@ -58,6 +58,8 @@ pub struct Verdict {
     pub events: usize,
     /// How many reactions were executed.
     pub executions: usize,
+    /// How many processes did not take part, while the one ran whose place they would have taken.
+    pub withdrawn: usize,
     /// How many messages were tardy, or arrived after the end of their receiver.
     pub tardy: usize,
     /// Whether the federation failed, as it must if a federate dies.
@@ -90,6 +92,7 @@ impl Trial {
         let mut plan = plan(&mut rng, shape, &program);
         plan.boards = Rng::new(mix(seed ^ BOARDS)).percent(50);
         visits::draw(seed, shape, &mut program, &mut plan);
+        plan.by_hand = visits::by_hand(seed, &program);
         let mut program = Arc::new(program);
         plan.maxwaits = changes::waits(seed, &mut program);
         changes::bounds(seed, &mut program);
@@ -153,6 +156,7 @@ impl Trial {
         Ok(Verdict {
             events: outcome.events,
             executions: entries.map(Vec::len).sum(),
+            withdrawn: outcome.withdrawn,
             tardy,
             failed: outcome.failed.is_some(),
             compared,
@@ -384,6 +388,11 @@ impl Trial {
         for (me, _) in self.program.federates.iter().filter(|(_, federate)| federate.transient) {
             let absent = if plan.absent.contains(&me) { ", and absent at the start" } else { "" };
             writeln!(f, "  {} is transient{absent}", self.name(me))?;
+            let by_hand = plan.by_hand.iter().filter(|it| it.federate == me);
+            let by_hand: Vec<_> = by_hand.map(|it| it.life.to_string()).collect();
+            if !by_hand.is_empty() {
+                writeln!(f, "  users start its processes {}", by_hand.join(", "))?;
+            }
         }
         for (federate, at, visit) in &plan.visits {
             let what = match visit {

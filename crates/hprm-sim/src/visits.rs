@@ -1,14 +1,20 @@
 //! Transient federates that join and leave, and direct links that break, or that are slower or faster than
 //! the links of the RTI: drawn apart from the rest, so that the other draws of a seed stay the same.
 
+use std::collections::BTreeSet;
+
 use hprm_core::{Coordination, FederateId, Nanos, PhysicalTime, Program};
 
+use crate::network::Instance;
 use crate::plan::Resets;
 use crate::rng::mix;
 use crate::{Latency, Plan, Rng, Shape, Visit};
 
 /// Separates the draws of this file from all others of a seed.
 const VISITS: u64 = 0x7151;
+
+/// The same for which processes users start.
+const BY_HAND: u64 = 0xb4a2d;
 
 /// How long a program lasts that would not end by itself.
 const TIMEOUTS: [Nanos; 4] = [2_000, 5_000, 10_000, 20_000];
@@ -53,6 +59,18 @@ pub(crate) fn draw(seed: u64, shape: Shape, program: &mut Program, plan: &mut Pl
             successors(&mut rng, program, plan);
         }
     }
+}
+
+/// In some programs, the processes of transient federates that users start. No other process takes their places.
+pub(crate) fn by_hand(seed: u64, program: &Program) -> BTreeSet<Instance> {
+    let mut rng = Rng::new(mix(seed ^ BY_HAND));
+    if !rng.percent(20) {
+        return BTreeSet::new();
+    }
+    let transients = program.federates.iter().filter(|(_, federate)| federate.transient);
+    let lives =
+        transients.flat_map(|(federate, _)| (0..12).map(move |life| Instance { federate, life }));
+    lives.filter(|_| rng.percent(40)).collect()
 }
 
 /// Replaces transient federates, many times and soon, while messages of those that were there before are in transit.

@@ -15,6 +15,7 @@ use crate::explained::{Seen, wrong_holds};
 use crate::machines::Agents;
 use crate::network::{Event, Instance, LinkEvent, Network, Place};
 use crate::node::Node;
+use crate::places::Places;
 use crate::plan::{Outcome, Plan, Resets, Skew, Visit};
 use crate::rng::mix;
 use crate::{Log, Rng};
@@ -48,6 +49,7 @@ pub struct World {
     clocks: Table<FederateId, Skew>,
     boards: Boards,
     joined: BTreeSet<Instance>,
+    places: Places,
     failed: Option<FederateId>,
     finished: bool,
     /// What has been wrong, if anything was.
@@ -110,6 +112,7 @@ impl World {
             network: Network::new(Rng::new(rng.draw()), &plan),
             clocks: program.federates.ids().map(clock).collect(),
             joined: BTreeSet::new(),
+            places: Places::default(),
             failed: None,
             finished: false,
             wrong: None,
@@ -310,12 +313,13 @@ impl World {
             !channel.physical && *tag <= last[channel.to]
         });
         let lost_from = missed.map(|(_, tag)| *tag).min().unwrap_or(Tag::FOREVER);
-        let Self { failed, over, events, frames, seen, .. } = self;
+        let Self { failed, over, events, frames, seen, places, .. } = self;
         let lives = self.nodes.into_values().filter_map(Node::life).collect();
         Ok(Outcome {
             log,
             last,
             left,
+            withdrawn: places.withdrawn,
             tardy,
             lost,
             failed,
@@ -705,6 +709,7 @@ impl World {
 
     fn carry_out_rti(&mut self, now: PhysicalTime) {
         while let Some(output) = self.rti.poll() {
+            self.compare_places(&output);
             match output {
                 RtiOutput::Send { link, frame } => self.announce(now, link, frame),
                 RtiOutput::Close { link } => self.close_link(now, link),
@@ -723,6 +728,19 @@ impl World {
                 _ => {}
             }
         }
+    }
+
+    /// What the RTI tells of processes must be true, as far as the RTI can know. Between machines it may be late.
+    fn compare_places(&mut self, output: &RtiOutput) {
+        let Self { nodes, network, plan, places, wrong, .. } = self;
+        let is_well = |link: LinkId| {
+            let me = Instance::of_link(link);
+            let is_reached = !network.is_severed(Place::Federate(me), Place::Rti);
+            let node = &nodes[&me];
+            let runs = node.link() == link && !node.is_over() && !node.given_up;
+            plan.machines.is_none() && is_reached && runs
+        };
+        *wrong = wrong.take().or_else(|| places.told(output, &plan.by_hand, is_well));
     }
 
     /// The RTI sends a frame, unless the federate has another link by now.

@@ -23,13 +23,14 @@ fn later_seeds_do_what_their_program_does() {
 #[test]
 fn random_federations_do_what_their_program_does() {
     let (mut compared, mut failed, mut tardy) = (0, 0, 0);
-    let (mut apart, mut broken, mut mended) = (0, 0, 0);
+    let (mut apart, mut broken, mut mended, mut withdrawn) = (0, 0, 0, 0);
     for seed in 0..SEEDS {
         let trial = Trial::draw(seed);
         let verdict = trial.run().unwrap_or_else(|wrong| panic!("seed {seed}: {wrong}\n{trial}"));
         compared += u64::from(verdict.compared);
         failed += u64::from(verdict.failed);
         tardy += u64::from(verdict.tardy > 0);
+        withdrawn += u64::from(verdict.withdrawn > 0);
         let Traffic { links, lost, ref severed, .. } = verdict.traffic;
         apart += u64::from(links > 0);
         broken += u64::from(!severed.is_empty());
@@ -39,6 +40,7 @@ fn random_federations_do_what_their_program_does() {
     assert!(compared > SEEDS / 2, "only {compared} were compared");
     assert!(failed > SEEDS / 20, "only {failed} failed as they must");
     assert!(tardy > SEEDS / 50, "only {tardy} had tardy messages");
+    assert!(withdrawn > SEEDS / 100, "only {withdrawn} had a successor that did not take part");
     assert!(apart > SEEDS / 5, "only {apart} ran on several machines");
     assert!(broken > SEEDS / 100, "only {broken} lost a link between machines");
     assert!(mended > SEEDS / 20, "only {mended} lost packets and nothing else");

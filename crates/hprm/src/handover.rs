@@ -255,6 +255,7 @@ impl Handover {
             store: store_limits(self.store),
             trace: self.logical_trace.clone().map(|(file, of)| TraceShare::new(file, of)),
             record: TraceRequest::of_this_process(),
+            launched: self.launched,
             end_process: (!self.launched).then_some(end_process as crate::EndProcess),
             program,
         })

@@ -68,7 +68,12 @@ pub struct RtiOptions {
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum RtiEvent {
     /// A federate has joined.
-    Joined(FederateId),
+    Joined {
+        /// The federate.
+        federate: FederateId,
+        /// Whether the launcher of the federation has started its process.
+        launched: bool,
+    },
     /// A process may not join.
     Refused {
         /// The federate as which the process wants to join.
@@ -83,6 +88,13 @@ pub enum RtiEvent {
     Loaded(FederateId),
     /// A federate takes part that has joined the running federation.
     Entered(FederateId),
+    /// A process that has joined the running federation does not take part after all; if it has failed, why.
+    Withdrawn {
+        /// The federate.
+        federate: FederateId,
+        /// Why it failed.
+        report: Option<Report>,
+    },
     /// All have joined and loaded; the program starts at this time.
     Started(PhysicalTime),
     /// A federate has not answered for that many nanoseconds. It may compute for long, or hang.
@@ -467,16 +479,21 @@ impl Rti {
                     }
                 }
                 RtiOutput::Refused { name, reason } => report(RtiEvent::Refused { name, reason }),
-                RtiOutput::Joined { federate, link } => {
+                RtiOutput::Joined { federate, link, launched } => {
                     if let Some(open) = self.links.get(link) {
                         open.trust();
                     }
                     self.recording.joined(federate, link);
-                    report(RtiEvent::Joined(federate));
+                    report(RtiEvent::Joined { federate, launched });
                 }
                 RtiOutput::Left { federate } => report(RtiEvent::Left(federate)),
                 RtiOutput::Loaded { federate } => report(RtiEvent::Loaded(federate)),
                 RtiOutput::Entered { federate } => report(RtiEvent::Entered(federate)),
+                RtiOutput::Withdrawn { federate, failure } => {
+                    let said =
+                        |(message, code): (String, _)| self.report_of(federate, &message, code);
+                    report(RtiEvent::Withdrawn { federate, report: failure.map(said) });
+                }
                 RtiOutput::Started { at } => {
                     self.links.acceptor.inner.become_busy();
                     self.recording.started(at);

@@ -23,7 +23,7 @@ use hprm_core::{FederateId, Program, Table};
 use hprm_federated::Refusal;
 
 use self::starts::Starts;
-use self::transient::Renewal;
+use self::transient::{Places, Renewal};
 use crate::{Failure, Kind, Report, RtiEvent};
 pub use advice::Advice;
 pub use driver::{Driver, Outcome};
@@ -110,15 +110,17 @@ struct FederateState {
     loaded: bool,
     /// Whether its link has ended before all had joined, and it has not joined again.
     left: bool,
-    /// Whether another process, which the supervisor has not started, has joined in the place of its own one.
-    is_replaced: bool,
-    /// Whether the RTI has refused a process because another one was joining as this federate.
+    /// Which processes the RTI knows as it, if it is transient.
+    places: Places,
+    /// Whether the RTI has refused a process because another one has joined as this federate.
     has_duplicate: bool,
+    /// Whether the RTI has refused its process because the federation was ending.
+    is_late: bool,
     /// How its process ended, and when that was known.
     ending: Option<(FederateEnding, Duration)>,
     /// When it has failed and with which exit code, if it is transient and has not come back.
     owed: Option<(Duration, i32)>,
-    /// The same of a process that had replaced its own one. The supervisor starts nothing that makes up for it.
+    /// The same of a process that the supervisor has not started. It starts nothing that makes up for it.
     forfeit: Option<(Duration, i32)>,
     /// For a federate that is started again when it has ended.
     renewal: Option<Renewal>,
@@ -187,8 +189,9 @@ impl Supervisor {
             joined: false,
             loaded: false,
             left: false,
-            is_replaced: false,
+            places: Places::default(),
             has_duplicate: false,
+            is_late: false,
             ending: None,
             owed: None,
             forfeit: None,
@@ -344,13 +347,13 @@ impl Supervisor {
     fn handle_rti_event(&mut self, now: Duration, event: RtiEvent) {
         match event {
             RtiEvent::Refused { name, reason } => self.refused(&name, &reason),
-            RtiEvent::Joined(federate) => self.joined(federate),
+            RtiEvent::Joined { federate, launched } => self.joined(federate, launched),
             RtiEvent::Closing => self.closing = self.closing.or(Some(now)),
-            // Only what is made of their traces counts them.
-            RtiEvent::Entered(_) => {}
+            RtiEvent::Entered(federate) => self.entered(federate),
+            RtiEvent::Withdrawn { federate, report } => self.withdrawn(now, federate, report),
             RtiEvent::Loaded(federate) => self.federates[federate].loaded = true,
-            RtiEvent::Left(federate) => self.federates[federate].left = true,
-            RtiEvent::Started(_) => self.started = true,
+            RtiEvent::Left(federate) => self.left(federate),
+            RtiEvent::Started(_) => self.started(),
             RtiEvent::Silent { federate, silence } => {
                 let name = &self.federates[federate].name;
                 let report = Report::new(Kind::Lost, on_silent(name, silence));
@@ -361,10 +364,7 @@ impl Supervisor {
                 let name = &self.federates[federate].name;
                 self.warn(Kind::Lost, on_answer(name, silence));
             }
-            RtiEvent::Dropped { federate, .. } if self.federates[federate].is_old_news() => {}
-            RtiEvent::Dropped { federate, report } => {
-                self.federates[federate].dropped = Some((report, now));
-            }
+            RtiEvent::Dropped { federate, report } => self.dropped(now, federate, report),
             RtiEvent::Failed { federate, report } => {
                 self.first_failure.get_or_insert((federate, report, now));
             }
@@ -377,8 +377,7 @@ impl Supervisor {
         if let Some((id, _)) = named {
             let federate = &mut self.federates[id];
             match reason {
-                // The process came while the federation was ending.
-                Refusal::TooLate => federate.renewal.iter_mut().for_each(Renewal::refused),
+                Refusal::TooLate => federate.is_late |= federate.places.may_refuse_own(),
                 Refusal::Duplicate => federate.has_duplicate = true,
                 _ => {}
             }

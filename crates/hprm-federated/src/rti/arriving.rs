@@ -49,6 +49,7 @@ enum Stage {
 struct Arrival {
     link: LinkId,
     peer: Peer,
+    launched: bool,
     stage: Stage,
     /// The neighbours that have answered: they know of the federate, and may send to it.
     met: BTreeSet<FederateId>,
@@ -68,9 +69,10 @@ impl Arrival {
 pub(super) struct Arrivals(BTreeMap<FederateId, Arrival>);
 
 impl Arrivals {
-    pub(super) fn add(&mut self, link: LinkId, peer: Peer) {
+    pub(super) fn add(&mut self, link: LinkId, peer: Peer, launched: bool) {
         let arrival = Arrival {
             link,
+            launched,
             stage: Stage::Loading,
             met: BTreeSet::new(),
             after: Tag::NEVER,
@@ -129,12 +131,15 @@ impl Rti {
         self.failed || self.ended || self.stop != Negotiation::Idle || self.finished
     }
 
-    /// Why a transient federate may not join any more, or not now.
-    pub(super) fn late_refusal(&self, federate: FederateId) -> Option<Refusal> {
+    /// Why a transient federate may not join any more, or not now. What a launcher starts takes no place that a process
+    /// has which a user has started.
+    pub(super) fn late_refusal(&self, federate: FederateId, launched: bool) -> Option<Refusal> {
         if self.is_closing() {
             return Some(Refusal::TooLate);
         }
-        self.arrivals.0.contains_key(&federate).then_some(Refusal::Duplicate)
+        let member = &self.members[federate];
+        let is_taken = launched && matches!(member, Member::Live { launched: false, .. });
+        (is_taken || self.arrivals.0.contains_key(&federate)).then_some(Refusal::Duplicate)
     }
 
     /// A frame from an arriving federate.
@@ -166,10 +171,9 @@ impl Rti {
                 self.forward(federate, owner, frame);
             }
             (Frame::Failed { message, code, .. }, _) => {
-                self.outputs.push_back(RtiOutput::Dropped { federate, message, code });
-                self.withdraw(federate);
+                self.withdraw(federate, Some((message, code)));
             }
-            (Frame::Leave { .. }, _) => self.withdraw(federate),
+            (Frame::Leave { .. }, _) => self.withdraw(federate, None),
             _ => return unexpected,
         }
         Ok(())
@@ -178,13 +182,13 @@ impl Rti {
     /// The link of a federate that is arriving has ended.
     pub(super) fn arrival_lost(&mut self, federate: FederateId, message: Option<String>) {
         let message = message.unwrap_or_else(|| self.lost_message(federate));
-        self.outputs.push_back(RtiOutput::Dropped { federate, message, code: 1 });
-        self.withdraw(federate);
+        self.withdraw(federate, Some((message, 1)));
     }
 
-    /// Forgets an arriving federate, which does not join after all.
-    pub(super) fn withdraw(&mut self, federate: FederateId) {
+    /// Forgets an arriving federate, which does not join after all, perhaps because of a `failure`.
+    pub(super) fn withdraw(&mut self, federate: FederateId, failure: Option<(String, i32)>) {
         let Some(arrival) = self.arrivals.0.remove(&federate) else { return };
+        self.outputs.push_back(RtiOutput::Withdrawn { federate, failure });
         if arrival.is_known() {
             self.announce_end(federate, false);
             self.forget_departure(federate);
@@ -197,6 +201,7 @@ impl Rti {
     pub(super) fn refuse_arrivals(&mut self) {
         for (federate, arrival) in std::mem::take(&mut self.arrivals.0) {
             self.refuse(arrival.link, self.topology.name(federate), Refusal::TooLate);
+            self.outputs.push_back(RtiOutput::Withdrawn { federate, failure: None });
             if arrival.is_known() {
                 self.announce_end(federate, false);
                 self.forget_departure(federate);
@@ -257,8 +262,7 @@ impl Rti {
                 Stage::Linking { .. } => {
                     self.outputs.push_back(RtiOutput::Close { link });
                     let message = format!("federate {name} did not link to the others in time");
-                    self.outputs.push_back(RtiOutput::Dropped { federate, message, code: 1 });
-                    self.withdraw(federate);
+                    self.withdraw(federate, Some((message, 1)));
                 }
                 _ => self.offer_start(federate),
             }
@@ -416,7 +420,7 @@ impl Rti {
         if tag > self.topology.timeout() {
             let link = arrival.link;
             self.refuse(link, self.topology.name(federate), Refusal::TooLate);
-            self.withdraw(federate);
+            self.withdraw(federate, None);
             return;
         }
         self.advance.join(&self.topology, federate, tag);
@@ -440,9 +444,10 @@ impl Rti {
             _ => return,
         }
         let Some(arrival) = self.arrivals.0.remove(&federate) else { return };
-        let Arrival { link, met, peer: Peer { life, host, listen, .. }, .. } = arrival;
+        let Arrival { link, met, launched, peer: Peer { life, host, listen, .. }, .. } = arrival;
         let first = self.advance.first(federate);
-        self.members[federate] = Member::Live { link, life, host, listen, ready: Some(self.now) };
+        let ready = Some(self.now);
+        self.members[federate] = Member::Live { link, life, host, listen, launched, ready };
         self.note_frame(federate, self.now);
         self.traffic.start(&self.topology, federate, &met);
         self.advance.join(&self.topology, federate, first);

@@ -53,7 +53,7 @@ impl Rti {
             // The process lives, so nothing has failed.
             Some(federate) if self.arrivals.is_link_of(federate, former) => {
                 self.links.remove(&former);
-                self.withdraw(federate);
+                self.withdraw(federate, None);
             }
             Some(federate) if self.phase == Phase::Joining => {
                 self.links.remove(&former);

@@ -15,6 +15,7 @@ const MOST_CANDIDATES: usize = 64;
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(super) struct Candidate {
     peer: Peer,
+    launched: bool,
     /// Whether the federate has loaded its program meanwhile.
     loaded: bool,
 }
@@ -30,6 +31,7 @@ pub(super) enum Member {
         life: u32,
         host: HostId,
         listen: Option<String>,
+        launched: bool,
         ready: Option<PhysicalTime>,
     },
     /// The federate has ended.
@@ -52,8 +54,16 @@ impl Member {
 impl Rti {
     /// The first frame on a link. A process that is no member learns nothing about the program.
     pub(super) fn hello(&mut self, link: LinkId, frame: Frame) -> Result<(), Fault> {
-        let Frame::Hello { protocol, federation, fingerprint, federate, host, listen, attempt } =
-            frame
+        let Frame::Hello {
+            protocol,
+            federation,
+            fingerprint,
+            federate,
+            host,
+            listen,
+            attempt,
+            launched,
+        } = frame
         else {
             return Err(Fault::UnknownLink);
         };
@@ -66,42 +76,43 @@ impl Rti {
             self.attempts.add(link, attempt);
             let peer = Peer { federate, incarnation: link.0, life: 0, host, listen };
             match fingerprint == self.fingerprint.digest() {
-                true => self.admit(link, peer),
-                false => self.compare(link, peer),
+                true => self.admit(link, peer, launched),
+                false => self.compare(link, peer, launched),
             }
         }
         Ok(())
     }
 
     /// A federate with the same program.
-    fn admit(&mut self, link: LinkId, peer: Peer) {
+    fn admit(&mut self, link: LinkId, peer: Peer, launched: bool) {
         let federate = peer.federate;
-        if let Some(reason) = self.refusal(federate) {
+        if let Some(reason) = self.refusal(federate, launched) {
             self.refuse(link, self.topology.name(federate), reason);
             return;
         }
         self.links.insert(link, federate);
         self.lives[federate] = self.lives[federate].saturating_add(1);
         let peer = Peer { life: self.lives[federate], ..peer };
-        self.outputs.push_back(RtiOutput::Joined { federate, link });
+        self.outputs.push_back(RtiOutput::Joined { federate, link, launched });
         if self.phase == Phase::Joining {
             let Peer { life, host, listen, .. } = peer;
-            self.members[federate] = Member::Live { link, life, host, listen, ready: None };
+            self.members[federate] =
+                Member::Live { link, life, host, listen, launched, ready: None };
             self.left_early.remove(&federate);
             self.load_together();
         } else {
-            self.arrivals.add(link, peer);
+            self.arrivals.add(link, peer, launched);
         }
     }
 
     /// Asks a federate with another program for its facts, to compare them.
-    fn compare(&mut self, link: LinkId, peer: Peer) {
+    fn compare(&mut self, link: LinkId, peer: Peer, launched: bool) {
         if self.candidates.len() >= MOST_CANDIDATES {
             let reason = Refusal::WrongProgram { differences: Vec::new() };
             self.refuse(link, self.topology.name(peer.federate), reason);
             return;
         }
-        self.candidates.insert(link, Candidate { peer, loaded: false });
+        self.candidates.insert(link, Candidate { peer, launched, loaded: false });
         self.outputs.push_back(RtiOutput::ProgramRequested { link });
         self.outputs.push_back(RtiOutput::Send { link, frame: Frame::ProgramRequest });
     }
@@ -118,7 +129,8 @@ impl Rti {
             Frame::ProgramReply { name, facts } => {
                 let other = format!("federate {name}");
                 let differences = self.fingerprint.differences("the RTI", &facts, &other);
-                let Some(Candidate { peer, loaded }) = self.candidates.remove(&link) else {
+                let Some(Candidate { peer, launched, loaded }) = self.candidates.remove(&link)
+                else {
                     return Err(Fault::UnknownLink);
                 };
                 if !differences.is_empty() {
@@ -126,7 +138,7 @@ impl Rti {
                     return Ok(());
                 }
                 let federate = peer.federate;
-                self.admit(link, peer);
+                self.admit(link, peer, launched);
                 if loaded && self.arrivals.is_link_of(federate, link) {
                     return self.arrival_frame(federate, Frame::Loaded);
                 }
@@ -221,12 +233,12 @@ impl Rti {
     }
 
     /// Why a federate with the same program may not join.
-    fn refusal(&self, federate: FederateId) -> Option<Refusal> {
+    fn refusal(&self, federate: FederateId, launched: bool) -> Option<Refusal> {
         if !self.topology.has(federate) {
             return Some(Refusal::UnknownFederate);
         }
         if self.topology.is_transient(federate) && self.phase != Phase::Joining {
-            return self.late_refusal(federate);
+            return self.late_refusal(federate, launched);
         }
         if self.failed || self.phase == Phase::Running {
             return Some(Refusal::TooLate);

@@ -57,8 +57,16 @@ impl Scenario {
         self.next_link += 1;
         let fingerprint = self.program.fingerprint().digest();
         let attempt = Attempt { process: self.links[federate].0.into(), number: 0 };
-        let hello =
-            Frame::Hello { protocol, federation, fingerprint, federate, host, listen, attempt };
+        let hello = Frame::Hello {
+            protocol,
+            federation,
+            fingerprint,
+            federate,
+            host,
+            listen,
+            attempt,
+            launched: false,
+        };
         self.input(federate, hello);
     }
 
@@ -200,6 +208,10 @@ impl Scenario {
                 | RtiOutput::Entered { .. }
                 | RtiOutput::Close { .. }
                 | RtiOutput::Refused { .. } => continue,
+                RtiOutput::Withdrawn { federate, failure } => match failure {
+                    Some((message, _)) => format!("{} withdraws: {message}", name(federate)),
+                    None => format!("{} withdraws", name(federate)),
+                },
                 RtiOutput::Dropped { federate, message, .. } => {
                     format!("{} is dropped: {message}", name(federate))
                 }

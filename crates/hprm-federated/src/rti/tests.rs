@@ -42,6 +42,7 @@ fn attempt(federate: u16, attempt: Attempt) -> Frame {
         host: HostId(1),
         listen: None,
         attempt,
+        launched: false,
     }
 }
 
@@ -221,7 +222,8 @@ fn a_program_that_agrees_in_all_that_is_compared_is_the_same() {
         facts.push(Fact::digest("module pixels".to_owned(), [&b"1"[..]]).if_present());
         let name = "b".to_owned();
         let outputs = input(&mut rti, 3, Frame::ProgramReply { name, facts }).unwrap();
-        let joined = RtiOutput::Joined { federate: FederateId(1), link: LinkId(3) };
+        let joined =
+            RtiOutput::Joined { federate: FederateId(1), link: LinkId(3), launched: false };
         assert_eq!(outputs[0], joined);
         // One that joins late is introduced, as it has loaded its program.
         let introduced = |output: &RtiOutput| {
@@ -333,7 +335,7 @@ fn a_federate_that_leaves_before_all_have_joined_may_join_again() {
     let federate = FederateId(0);
     input(&mut rti, 5, hello(0)).unwrap();
     assert_eq!(close(&mut rti, 5), [RtiOutput::Left { federate }]);
-    let joined = RtiOutput::Joined { federate, link: LinkId(6) };
+    let joined = RtiOutput::Joined { federate, link: LinkId(6), launched: false };
     assert_eq!(input(&mut rti, 6, hello(0)).unwrap(), [joined]);
     // Once the other one has joined, all have: the second link of the first federate counts.
     input(&mut rti, 7, hello(1)).unwrap();
@@ -357,7 +359,7 @@ fn a_process_that_joins_again_is_no_duplicate_of_itself() {
     let outputs = [
         RtiOutput::Left { federate },
         RtiOutput::Close { link: LinkId(5) },
-        RtiOutput::Joined { federate, link: LinkId(6) },
+        RtiOutput::Joined { federate, link: LinkId(6), launched: false },
     ];
     assert_eq!(input(&mut rti, 6, tries(1)).unwrap(), outputs);
     // Nothing counts any more that comes over the former link.
@@ -407,12 +409,47 @@ fn a_transient_federate_that_arrives_again_over_another_link_has_not_failed() {
     assert!(introduced(&input(&mut rti, 5, Frame::Loaded).unwrap()));
     let gone = Frame::Gone { federate, in_order: false };
     let outputs = [
+        RtiOutput::Withdrawn { federate, failure: None },
         sent(1, gone),
         RtiOutput::Close { link: LinkId(5) },
-        RtiOutput::Joined { federate, link: LinkId(6) },
+        RtiOutput::Joined { federate, link: LinkId(6), launched: false },
     ];
     assert_eq!(input(&mut rti, 6, tries(1)).unwrap(), outputs);
     assert!(introduced(&input(&mut rti, 6, Frame::Loaded).unwrap()));
+}
+
+/// A process that a launcher has started asks to join.
+fn launched(federate: u16) -> Frame {
+    let mut hello = hello(federate);
+    if let Frame::Hello { launched, .. } = &mut hello {
+        *launched = true;
+    }
+    hello
+}
+
+#[test]
+fn what_a_launcher_starts_takes_no_place_of_a_process_that_a_user_has_started() {
+    let federate = FederateId(0);
+    let is_joined = |outputs: &[RtiOutput]| {
+        outputs.iter().any(|output| matches!(output, RtiOutput::Joined { .. }))
+    };
+    let mut rti = running("transient a\na -> b");
+    let refused = sent(5, Frame::Refused { reason: Refusal::Duplicate });
+    assert_eq!(input(&mut rti, 5, launched(0)).unwrap()[0], refused);
+    // Another one of the user may, and one of the launcher when there is none.
+    assert!(is_joined(&input(&mut rti, 6, hello(0)).unwrap()));
+    let message = "the process of federate a ended before its last tag".to_owned();
+    let withdrawn = RtiOutput::Withdrawn { federate, failure: Some((message, 1)) };
+    assert_eq!(close(&mut rti, 6), [withdrawn]);
+    assert!(rti.members[federate].is_live());
+    close(&mut rti, 0);
+    assert!(is_joined(&input(&mut rti, 7, launched(0)).unwrap()));
+    input(&mut rti, 7, Frame::Loaded).unwrap();
+    input(&mut rti, 1, Frame::Met { federate, incarnation: 7, after: Tag::NEVER }).unwrap();
+    input(&mut rti, 7, Frame::Ready { now: NOW }).unwrap();
+    assert_eq!(rti.members[federate].link(), Some(LinkId(7)));
+    // The launcher's own one may be gone without the RTI's knowledge.
+    assert!(is_joined(&input(&mut rti, 8, launched(0)).unwrap()));
 }
 
 #[test]

@@ -58,8 +58,16 @@ pub(crate) fn tell(program: &Program, frames: Vec<Frame>) {
         let listen = Some("here".to_owned());
         let (protocol, host) = (PROTOCOL, HostId(1));
         let attempt = Attempt { process: federate.0.into(), number: 0 };
-        let hello =
-            Frame::Hello { protocol, federation, fingerprint, federate, host, listen, attempt };
+        let hello = Frame::Hello {
+            protocol,
+            federation,
+            fingerprint,
+            federate,
+            host,
+            listen,
+            attempt,
+            launched: false,
+        };
         for frame in [hello, Frame::Loaded, Frame::Ready { now }] {
             let _ = rti.handle(now, RtiInput::Frame { link, frame });
         }

@@ -47,6 +47,8 @@ pub struct FederateOptions {
     pub trace: Option<TraceShare>,
     /// Where its records go, if the run is traced.
     pub record: Option<TraceRequest>,
+    /// Whether the launcher of the federation has started this process.
+    pub launched: bool,
     /// Ends the process if a reaction does not return for long after the federation has ended; none if a launcher does
     /// that, or the process has more to do.
     pub end_process: Option<EndProcess>,
@@ -82,7 +84,8 @@ impl Membership {
             links.host(),
             links.advertised(),
             u64::from_le_bytes(process),
-        );
+        )
+        .launched(options.launched);
         let machine = match super::reach::is_reached_through_agent(options) {
             true => machine.with_explanation(relay::TOLD),
             false => machine,

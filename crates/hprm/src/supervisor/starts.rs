@@ -75,9 +75,14 @@ impl Starts {
             RestartCondition::OnAbnormal => matches!(end, End::Killed | End::Silent),
             RestartCondition::Always => true,
         };
-        if !applies {
-            return Decision::Leave;
+        match applies {
+            true => self.again(ended, earliest),
+            false => Decision::Leave,
         }
+    }
+
+    /// The same about a process that could not join, whatever the program asks for.
+    pub(super) fn again(&self, ended: Duration, earliest: Duration) -> Decision {
         let at = ended.saturating_add(self.pause()).max(earliest);
         match self.is_allowed(at) {
             true => Decision::Again(at),

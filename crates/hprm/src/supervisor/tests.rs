@@ -61,9 +61,15 @@ impl Stage {
     }
 
     fn start(&mut self) {
-        self.rti(RtiEvent::Joined(A));
-        self.rti(RtiEvent::Joined(B));
+        self.rti(RtiEvent::Joined { federate: A, launched: true });
+        self.rti(RtiEvent::Joined { federate: B, launched: true });
         self.rti(RtiEvent::Started(PhysicalTime(0)));
+    }
+
+    /// A process joins that this supervisor has launched or a user, and takes part.
+    pub(super) fn enters(&mut self, federate: FederateId, launched: bool) {
+        self.rti(RtiEvent::Joined { federate, launched });
+        self.rti(RtiEvent::Entered(federate));
     }
 
     pub(super) fn event(&mut self, event: Observation) {
@@ -227,7 +233,7 @@ fn an_end_without_a_word_is_a_failure_after_the_grace() {
 #[test]
 fn before_the_start_the_others_are_ended_at_once() {
     let mut stage = Stage::empty();
-    stage.rti(RtiEvent::Joined(A));
+    stage.rti(RtiEvent::Joined { federate: A, launched: true });
     stage.exits(B, FederateEnding::Code(3));
     stage.pass(500);
     stage.reported_once("federate b exited with code 3 before it joined");
@@ -240,7 +246,7 @@ fn before_the_start_the_others_are_ended_at_once() {
 #[test]
 fn leaving_before_joining_is_a_failure_even_with_code_zero() {
     let mut stage = Stage::empty();
-    stage.rti(RtiEvent::Joined(A));
+    stage.rti(RtiEvent::Joined { federate: A, launched: true });
     stage.exits(B, FederateEnding::Code(0));
     stage.pass(500);
     stage.reported_once("federate b exited with code 0 before it joined");
@@ -251,7 +257,7 @@ fn leaving_before_joining_is_a_failure_even_with_code_zero() {
 #[test]
 fn leaving_after_joining_is_a_failure_too_if_the_others_have_not_joined() {
     let mut stage = Stage::empty();
-    stage.rti(RtiEvent::Joined(A));
+    stage.rti(RtiEvent::Joined { federate: A, launched: true });
     stage.rti(RtiEvent::Left(A));
     stage.exits(A, FederateEnding::Code(0));
     stage.pass(500);
@@ -263,10 +269,10 @@ fn leaving_after_joining_is_a_failure_too_if_the_others_have_not_joined() {
 #[test]
 fn a_federate_that_has_left_and_joined_again_is_not_missed() {
     let mut stage = Stage::empty();
-    stage.rti(RtiEvent::Joined(A));
+    stage.rti(RtiEvent::Joined { federate: A, launched: true });
     stage.rti(RtiEvent::Left(A));
-    stage.rti(RtiEvent::Joined(A));
-    stage.rti(RtiEvent::Joined(B));
+    stage.rti(RtiEvent::Joined { federate: A, launched: true });
+    stage.rti(RtiEvent::Joined { federate: B, launched: true });
     stage.rti(RtiEvent::Started(PhysicalTime(0)));
     stage.exits(A, FederateEnding::Code(0));
     stage.exits(B, FederateEnding::Code(0));
@@ -280,8 +286,8 @@ fn news_of_joining_may_come_after_the_end() {
     let mut stage = Stage::empty();
     stage.exits(A, FederateEnding::Code(0));
     stage.exits(B, FederateEnding::Code(0));
-    stage.rti(RtiEvent::Joined(A));
-    stage.rti(RtiEvent::Joined(B));
+    stage.rti(RtiEvent::Joined { federate: A, launched: true });
+    stage.rti(RtiEvent::Joined { federate: B, launched: true });
     stage.rti(RtiEvent::Started(PhysicalTime(0)));
     stage.event(Observation::RtiEnded(Ok(())));
     assert_eq!(stage.outcome(), Some(0));
@@ -291,7 +297,7 @@ fn news_of_joining_may_come_after_the_end() {
 #[test]
 fn the_missing_are_waited_for_until_the_time_is_over() {
     let mut stage = Stage::empty();
-    stage.rti(RtiEvent::Joined(A));
+    stage.rti(RtiEvent::Joined { federate: A, launched: true });
     stage.pass(29_999);
     assert!(stage.reports.is_empty());
     stage.pass(1);
@@ -302,8 +308,8 @@ fn the_missing_are_waited_for_until_the_time_is_over() {
 #[test]
 fn those_that_load_are_waited_for_until_the_time_is_over() {
     let mut stage = Stage::empty();
-    stage.rti(RtiEvent::Joined(A));
-    stage.rti(RtiEvent::Joined(B));
+    stage.rti(RtiEvent::Joined { federate: A, launched: true });
+    stage.rti(RtiEvent::Joined { federate: B, launched: true });
     stage.rti(RtiEvent::Loaded(B));
     stage.pass(29_999);
     assert!(stage.reports.is_empty());
@@ -425,7 +431,7 @@ fn an_interrupt_after_a_failure_kills_and_keeps_the_code() {
 #[test]
 fn an_interrupt_before_the_start_ends_all_at_once() {
     let mut stage = Stage::empty();
-    stage.rti(RtiEvent::Joined(A));
+    stage.rti(RtiEvent::Joined { federate: A, launched: true });
     stage.event(Observation::Signal(Signal::INTERRUPT));
     assert_eq!(stage.sent, [(TERM, A), (TERM, B)]);
     stage.exits(A, FederateEnding::Signal(Signal::TERMINATE));
@@ -494,7 +500,7 @@ fn the_end_of_the_rti_explains_the_end_of_the_others() {
 /// a runs; b is transient and has not joined.
 fn without_the_transient() -> Stage {
     let mut stage = Stage::of(&program(true));
-    stage.rti(RtiEvent::Joined(A));
+    stage.rti(RtiEvent::Joined { federate: A, launched: true });
     stage.rti(RtiEvent::Started(PhysicalTime(0)));
     stage
 }
@@ -518,6 +524,7 @@ fn a_transient_federate_need_not_join() {
 #[test]
 fn a_transient_federate_fails_alone() {
     let mut stage = without_the_transient();
+    stage.enters(B, true);
     stage.rti(dropped("no", 7));
     assert!(stage.reports.is_empty());
     stage.exits(B, FederateEnding::Code(7));
@@ -525,6 +532,7 @@ fn a_transient_federate_fails_alone() {
     stage.pass(10_000);
     assert!(stage.sent.is_empty() && stage.stops == 0);
     // The user starts it again, and it fails again.
+    stage.enters(B, false);
     stage.rti(dropped("no again", 1));
     stage.pass(500);
     assert_eq!(stage.reports.len(), 2);

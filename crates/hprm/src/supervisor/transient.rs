@@ -32,21 +32,12 @@ pub(super) struct Renewal {
     pub(super) starts: Starts,
     /// When it is started again.
     pub(super) at: Option<Duration>,
-    /// Whether the RTI has refused a process because the federation was ending.
-    is_late: bool,
-    /// Whether it has been told that it does not come back.
-    is_given_up: bool,
     ousting: Option<Ousting>,
 }
 
 impl Renewal {
     pub(super) fn new(starts: Starts) -> Self {
-        Self { starts, at: None, is_late: false, is_given_up: false, ousting: None }
-    }
-
-    /// A process has come when the federation was ending.
-    pub(super) fn refused(&mut self) {
-        self.is_late = self.starts.count() > 0;
+        Self { starts, at: None, ousting: None }
     }
 
     fn begin(&mut self, now: Duration) {
@@ -55,31 +46,99 @@ impl Renewal {
     }
 }
 
-impl FederateState {
-    /// Whether what the RTI says of a failure can only be about an earlier process: this one has not joined.
-    pub(super) fn is_old_news(&self) -> bool {
-        let renewal = self.renewal.as_ref();
-        renewal.is_some_and(|it| it.starts.count() > 0 && !self.joined && self.ending.is_none())
+/// Which process it is that has joined as a federate.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Origin {
+    /// The one that the supervisor has started last.
+    Own,
+    /// One that a user has started.
+    Other,
+}
+
+/// The processes that are a transient federate, as far as the RTI has told. What the RTI tells of a process that ended before
+/// the supervisor's last start is about neither.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub(super) struct Places {
+    /// The process that takes part.
+    member: Option<Origin>,
+    /// The process that joins meanwhile, and will take its place.
+    joining: Option<Origin>,
+    /// Whether the supervisor's own process has joined since it was started.
+    has_own_joined: bool,
+}
+
+impl Places {
+    fn join(&mut self, origin: Origin, is_running: bool) {
+        self.has_own_joined |= origin == Origin::Own;
+        let place = match is_running || self.member.is_some() {
+            true => &mut self.joining,
+            false => &mut self.member,
+        };
+        *place = Some(origin);
     }
 
+    /// The process that was joining, or has joined just before the start, does not take part.
+    fn withdraw(&mut self) -> Option<Origin> {
+        self.joining.take().or_else(|| self.member.take())
+    }
+
+    /// Whether a process that is refused now may be the supervisor's own one.
+    pub(super) fn may_refuse_own(&self) -> bool {
+        match self.joining {
+            Some(origin) => origin == Origin::Own,
+            None => !self.has_own_joined,
+        }
+    }
+
+    fn is_taken(&self) -> bool {
+        self.member == Some(Origin::Other)
+    }
+
+    fn is_being_taken(&self) -> bool {
+        self.joining == Some(Origin::Other)
+    }
+
+    /// The supervisor starts a process, because its former one has ended.
+    fn begin(&mut self) {
+        for place in [&mut self.member, &mut self.joining] {
+            place.take_if(|origin| *origin == Origin::Own);
+        }
+        self.has_own_joined = false;
+    }
+}
+
+impl FederateState {
     /// The end of its process that is to be dealt with.
     fn new_ending(&self) -> Option<&(FederateEnding, Duration)> {
         self.ending.as_ref().filter(|_| self.transient && !self.is_reported)
     }
 
-    /// Whether the process that the federation has lost is another one than the supervisor's own, which has not ended
-    /// or has ended in order.
-    fn is_loss_of_other(&self) -> bool {
-        let own = self.new_ending().map(|(how, _)| how);
-        let own_is_well = own.is_none_or(|how| *how == FederateEnding::Code(0));
-        self.is_replaced && self.dropped.is_some() && own_is_well
-    }
-
-    /// Whether its process has ended because it was refused: another one was joining as this federate. Of a member that
+    /// Whether its process has ended because it was refused: another one has joined as this federate. Of a member that
     /// fails, the RTI tells.
     fn was_duplicate(&self) -> bool {
         let own = self.new_ending().map(|(how, _)| how);
         self.has_duplicate && self.dropped.is_none() && own == Some(&REFUSED)
+    }
+
+    /// Whether its process has ended because there was no federation any more that it could join, since `closing`.
+    fn came_too_late(&self, closing: Option<Duration>) -> bool {
+        let Some((how, at)) = self.new_ending() else { return false };
+        // The RTI may have gone before the process could ask it.
+        let found_none = !self.places.has_own_joined
+            && *how == REFUSED
+            && closing.is_some_and(|closing| *at >= closing);
+        found_none || self.is_late && *how != FederateEnding::Code(0)
+    }
+
+    /// Whether it goes on, or comes back, without a process that was joining as it.
+    fn does_without_other(&self, now: Duration) -> bool {
+        let goes_on = self.places.member == Some(Origin::Own) && self.ending.is_none();
+        let comes_back = |renewal: &Renewal| {
+            let decide = |(how, at): &(_, _)| renewal.starts.decide(End::of(how), *at, now);
+            let decision = self.new_ending().map(decide);
+            renewal.at.is_some() || matches!(decision, Some(Decision::Again(_)))
+        };
+        goes_on || self.renewal.as_ref().is_some_and(comes_back)
     }
 
     /// When the supervisor has something to do about it, if nothing more becomes known.
@@ -117,13 +176,40 @@ impl Supervisor {
             && !self.rti_ended
     }
 
-    /// A process has joined as that federate. It may be one that a user has started while the supervisor's own one runs, or
-    /// in the pause after its end: it has taken that one's place.
-    pub(super) fn joined(&mut self, id: FederateId) {
+    /// A process has joined as that federate.
+    pub(super) fn joined(&mut self, id: FederateId, launched: bool) {
+        let is_running = self.started;
         let federate = &mut self.federates[id];
-        federate.is_replaced |= federate.is_member();
         (federate.joined, federate.left) = (true, false);
-        let planned = federate.renewal.as_mut().filter(|_| federate.is_replaced);
+        let origin = if launched { Origin::Own } else { Origin::Other };
+        federate.places.join(origin, is_running);
+    }
+
+    /// The link of a process has ended before the start. It may join again.
+    pub(super) fn left(&mut self, id: FederateId) {
+        let federate = &mut self.federates[id];
+        federate.left = true;
+        federate.places.member = None;
+    }
+
+    /// The federation starts, with the processes that have joined.
+    pub(super) fn started(&mut self) {
+        self.started = true;
+        let ids: Vec<_> = self.federates.ids().collect();
+        ids.into_iter().for_each(|id| self.give_way(id));
+    }
+
+    /// The process that was joining takes part.
+    pub(super) fn entered(&mut self, id: FederateId) {
+        let places = &mut self.federates[id].places;
+        places.member = places.joining.take().or(places.member);
+        self.give_way(id);
+    }
+
+    /// If a process takes part that a user has started, the supervisor starts none in its place.
+    fn give_way(&mut self, id: FederateId) {
+        let federate = &mut self.federates[id];
+        let planned = federate.renewal.as_mut().filter(|_| federate.places.is_taken());
         if planned.and_then(|renewal| renewal.at.take()).is_some() {
             let name = &federate.name;
             let said =
@@ -132,16 +218,44 @@ impl Supervisor {
         }
     }
 
-    /// Whether the process of a federate that was started again has ended because there was no federation any more that
-    /// it could join.
-    fn came_too_late(&self, federate: &FederateState) -> bool {
-        let Some((how, at)) = &federate.ending else { return false };
-        let renewal = federate.renewal.as_ref().filter(|it| it.starts.count() > 0);
-        // The RTI may have gone before the process could ask it.
-        let found_none = !federate.joined
-            && *how == REFUSED
-            && self.closing.is_some_and(|closing| *at >= closing);
-        renewal.is_some_and(|it| found_none || it.is_late && *how != FederateEnding::Code(0))
+    /// The process that took part as that federate has failed.
+    pub(super) fn dropped(&mut self, now: Duration, id: FederateId, report: Report) {
+        let federate = &mut self.federates[id];
+        match federate.places.member.take() {
+            Some(Origin::Own) => federate.dropped = Some((report, now)),
+            Some(Origin::Other) => self.lost_other(now, id, &report),
+            // The supervisor has dealt with the end of that process.
+            None => {}
+        }
+    }
+
+    /// The process that was joining as that federate does not take part.
+    pub(super) fn withdrawn(&mut self, now: Duration, id: FederateId, report: Option<Report>) {
+        let federate = &mut self.federates[id];
+        let (Some(origin), Some(report)) = (federate.places.withdraw(), report) else { return };
+        match origin {
+            Origin::Own => federate.dropped = Some((report, now)),
+            Origin::Other if federate.does_without_other(now) => {
+                let name = &federate.name;
+                let said = format!("another process was joining as federate {name}, and has ended");
+                let said = match report.kind {
+                    Kind::Lost => said,
+                    _ => format!("{said}: {}", report.message),
+                };
+                self.warn(Kind::Left, said);
+            }
+            Origin::Other => self.lost_other(now, id, &report),
+        }
+    }
+
+    /// The federation has lost a process that a user has started.
+    fn lost_other(&mut self, now: Duration, id: FederateId, report: &Report) {
+        let federate = &mut self.federates[id];
+        let verdict = Verdict::on_federate(&federate.name, None, Some(report), None);
+        federate.forfeit.get_or_insert((now, verdict.code));
+        if self.exit_code.is_none() {
+            self.orders.push_back(Order::Report(Box::new(verdict.report)));
+        }
     }
 
     /// Whether a federate is to be started again.
@@ -156,8 +270,7 @@ impl Supervisor {
         let federate = &mut self.federates[id];
         let Some(renewal) = &mut federate.renewal else { return };
         let is_lost = federate.dropped.as_ref().is_some_and(|(_, at)| now >= *at + AFTER_FAILURE);
-        let is_own = federate.joined && !federate.is_replaced;
-        if federate.ending.is_some() || !is_lost || !is_own || !is_open {
+        if federate.ending.is_some() || !is_lost || !is_open {
             return;
         }
         let signal = match renewal.ousting {
@@ -174,40 +287,81 @@ impl Supervisor {
         self.orders.push_back(Order::Send { signal, to: id });
     }
 
-    /// Deals with an end or a failure, once both the process and the RTI have told of it. If the user has started
-    /// such a federate by hand, only the RTI tells of its failure.
+    /// Deals with an end or a failure of its own process, once both that and the RTI have told of it.
     fn settle(&mut self, now: Duration, id: FederateId) {
         let due = |at: Duration| now >= at + GRACE;
         let federate = &self.federates[id];
         let ended = federate.new_ending();
         let failed = ended.filter(|(how, _)| *how != FederateEnding::Code(0));
-        // What has ended in order is asked for no report: but the RTI may say that the federation ends.
+        // What has ended in order is asked for no report: but the RTI may say that the federation ends. What has ended
+        // for a process that joins in its place is started again only if that one does not take part.
         let orderly = ended.filter(|(how, _)| *how == FederateEnding::Code(0));
-        let is_kept = federate.renewal.is_some() && federate.joined && !federate.is_replaced;
+        let orderly = orderly.filter(|_| !federate.places.is_being_taken());
+        let is_kept = federate.renewal.is_some() && federate.ending.is_none();
         let complete = match (&federate.dropped, failed) {
             (None, None) => orderly.is_some_and(|(_, at)| due(*at)) && federate.renewal.is_some(),
             (Some(_), Some(_)) => true,
-            (Some((_, at)), None) => due(*at) && !(is_kept && federate.ending.is_none()),
+            (Some((_, at)), None) => due(*at) && !is_kept,
             (None, Some((_, at))) => due(*at),
         };
-        if complete {
+        if !complete {
+            return;
+        }
+        if federate.came_too_late(self.closing) {
+            self.conclude_late(id);
+        } else if federate.was_duplicate() {
+            self.conclude_duplicate(now, id);
+        } else {
             self.conclude(now, id);
+        }
+    }
+
+    /// What could not join because the federation ends has not failed.
+    fn conclude_late(&mut self, id: FederateId) {
+        let is_ending_well = self.exit_code.is_none() && !self.reported;
+        let federate = &mut self.federates[id];
+        (federate.is_reported, federate.dropped) = (true, None);
+        let is_back = federate.renewal.as_ref().is_some_and(|it| it.starts.count() > 0);
+        let said = match is_back {
+            true => "does not come back: the federation ends",
+            false => "has not joined: the federation has ended",
+        };
+        if is_ending_well {
+            let said = format!("federate {} {said}", federate.name);
+            self.warn(Kind::Absent, said);
+        }
+    }
+
+    /// Nor has what could not join because another process has. If that one does not take part after all, another one is
+    /// started.
+    fn conclude_duplicate(&mut self, now: Duration, id: FederateId) {
+        let is_open = self.is_open();
+        let federate = &mut self.federates[id];
+        federate.is_reported = true;
+        let Some(renewal) = federate.renewal.as_mut().filter(|_| is_open) else { return };
+        if federate.places.is_taken() {
+            return;
+        }
+        match renewal.starts.again(now, now) {
+            Decision::Again(at) => renewal.at = Some(at),
+            _ => {
+                let verdict = Verdict::on_federate(&federate.name, None, None, Some(&REFUSED));
+                let report = verdict.too_often(renewal.starts.limit(), self.advice);
+                self.orders.push_back(Order::Warn(Box::new(report)));
+            }
         }
     }
 
     fn conclude(&mut self, now: Duration, id: FederateId) {
         let is_open = self.is_open();
-        let is_late = self.came_too_late(&self.federates[id]);
         let federate = &mut self.federates[id];
         let ended = federate.new_ending().cloned();
-        let (is_of_other, was_duplicate) = (federate.is_loss_of_other(), federate.was_duplicate());
-        federate.is_replaced |= was_duplicate;
         let dropped = federate.dropped.take().map(|(report, _)| report);
         federate.is_reported |= ended.is_some();
         let renewal = federate.renewal.as_mut();
         let is_ousted = renewal.as_ref().is_some_and(|it| it.ousting.is_some());
         let decision = match (&ended, &renewal) {
-            (Some((how, at)), Some(renewal)) if is_open && !federate.is_replaced && !is_late => {
+            (Some((how, at)), Some(renewal)) if is_open && !federate.places.is_taken() => {
                 let end = if is_ousted { End::Silent } else { End::of(how) };
                 renewal.starts.decide(end, *at, now)
             }
@@ -216,19 +370,14 @@ impl Supervisor {
         let how = ended.map(|(how, _)| how);
         let in_order = how == Some(FederateEnding::Code(0)) && dropped.is_none();
         // The signal that has ended it was the supervisor's: the silence before is what happened.
-        let told = how.as_ref().filter(|_| !is_of_other && (!is_ousted || dropped.is_none()));
+        let told = how.as_ref().filter(|_| !is_ousted || dropped.is_none());
         let verdict = match in_order {
             true => Verdict::on_leave(&federate.name),
             false => Verdict::on_federate(&federate.name, None, dropped.as_ref(), told),
         };
-        // What could not join has not failed.
-        if is_late || was_duplicate {
-            return;
-        }
-        match (in_order, is_of_other) {
-            (true, _) => federate.owed = None,
-            (false, true) => drop(federate.forfeit.get_or_insert((now, verdict.code))),
-            (false, false) => drop(federate.owed.get_or_insert((now, verdict.code))),
+        match in_order {
+            true => federate.owed = None,
+            false => drop(federate.owed.get_or_insert((now, verdict.code))),
         }
         match (decision, &mut federate.renewal) {
             (Decision::Again(at), Some(renewal)) => {
@@ -251,25 +400,25 @@ impl Supervisor {
     fn renew(&mut self, now: Duration, id: FederateId) {
         let is_open = self.is_open();
         let is_ending_well = self.exit_code.is_none() && !self.reported;
-        let was_late = self.came_too_late(&self.federates[id]);
         let federate = &mut self.federates[id];
         let Some(renewal) = &mut federate.renewal else { return };
-        let is_given_up = renewal.at.is_some() && !is_open;
-        if is_given_up || was_late {
+        if renewal.at.is_some() && !is_open {
             renewal.at = None;
-            if is_ending_well && !std::mem::replace(&mut renewal.is_given_up, true) {
+            if is_ending_well {
                 let name = &federate.name;
                 let said = format!("federate {name} does not come back: the federation ends");
                 self.warn(Kind::Absent, said);
             }
             return;
         }
-        if renewal.at.is_none_or(|at| now < at) {
+        let places = &federate.places;
+        if renewal.at.is_none_or(|at| now < at) || places.is_being_taken() || places.is_taken() {
             return;
         }
         renewal.begin(now);
         (federate.joined, federate.left, federate.loaded) = (false, false, false);
-        (federate.is_replaced, federate.has_duplicate) = (false, false);
+        (federate.has_duplicate, federate.is_late) = (false, false);
+        federate.places.begin();
         (federate.is_reported, federate.dropped, federate.ending) = (false, None, None);
         self.orders.push_back(Order::Start(id));
     }

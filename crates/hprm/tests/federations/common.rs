@@ -220,6 +220,7 @@ pub(crate) fn options(
         store: StoreLimits::default(),
         trace: None,
         record: None,
+        launched: false,
         end_process: None,
     }
 }

@@ -61,7 +61,7 @@ fn in_vain(options: &FederateOptions) -> String {
 fn alone(program: &Arc<Program>, security: &Security) -> (Address, hprm::RtiHandle) {
     let rti = bind(program, TCP.parse().unwrap(), security);
     let (address, handle) = (rti.address().clone(), rti.handle());
-    thread::spawn(move || rti.run(|event| assert!(!matches!(event, RtiEvent::Joined(_)))));
+    thread::spawn(move || rti.run(|event| assert!(!matches!(event, RtiEvent::Joined { .. }))));
     (address, handle)
 }
 

@@ -17,8 +17,16 @@ fn joined(text: &str, from: &[(HostId, &str)]) -> (Rti, bool) {
             unreachable!("it is a greeting");
         };
         let (host, listen) = (*host, Some((*listen).to_owned()).filter(|it| !it.is_empty()));
-        let hello =
-            Frame::Hello { protocol, federation, fingerprint, federate, host, listen, attempt };
+        let hello = Frame::Hello {
+            protocol,
+            federation,
+            fingerprint,
+            federate,
+            host,
+            listen,
+            attempt,
+            launched: false,
+        };
         last = input(&mut rti, id.into(), hello).unwrap();
     }
     let peers = last.iter().find_map(|output| match output {
