@@ -7,6 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import (
     Any,
+    Final,
     Protocol,
     SupportsIndex,
     TypeAlias,
@@ -19,6 +20,9 @@ from typing import (
 
 from hprm._errors import Description
 from hprm._source import ProgramSource
+
+#: Signals within so many seconds count as one.
+ONE_SIGNAL_S: Final[float]
 
 _T = TypeVar("_T")
 

@@ -18,10 +18,9 @@ from typing import Any
 import pytest
 from processes import until
 
-COMMAND = str(Path(sys.executable).with_name("hprm"))
+from hprm._hprm import ONE_SIGNAL_S
 
-# Signals that come closer to one another count as one, in seconds: `hprm::supervisor` says it.
-SIGNAL_DEBOUNCE = 0.1
+COMMAND = str(Path(sys.executable).with_name("hprm"))
 
 INTERPRETER = """\
 #!{python}
@@ -339,7 +338,7 @@ def test_a_second_signal_kills(stage: Stage) -> None:
     until((stage.folder / "pid").exists, "the declaration begins")
     process.terminate()
     until((stage.folder / "first").exists, "the interpreter gets the signal")
-    time.sleep(2 * SIGNAL_DEBOUNCE)
+    time.sleep(2 * ONE_SIGNAL_S)
     process.terminate()
     _, err = process.communicate(timeout=60)
     assert stage.left == []

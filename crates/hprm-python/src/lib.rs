@@ -58,6 +58,10 @@ use pyo3::prelude::*;
 /// The native half of the package `hprm`.
 #[pymodule(gil_used = false)]
 mod _hprm {
+    /// Signals within so many seconds count as one.
+    #[pymodule_export]
+    const ONE_SIGNAL_S: f64 = hprm::supervisor::SIGNAL_DEBOUNCE.as_secs_f64();
+
     #[pymodule_export]
     use crate::action::Action;
     #[pymodule_export]

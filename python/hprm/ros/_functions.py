@@ -14,11 +14,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import TypeVar
 
-Result = TypeVar("Result")
+from hprm._hprm import ONE_SIGNAL_S
 
-#: Signals within so many seconds count as one: the command `timeout` sends its own both to a
-#: process and to the group of that.
-ONE_SIGNAL_S = 0.1
+Result = TypeVar("Result")
 
 
 class Interrupted(KeyboardInterrupt):
