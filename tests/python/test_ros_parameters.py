@@ -269,3 +269,69 @@ def test_a_node_that_nothing_asks_looks_at_no_services(bench: Bench, tmp_path: P
     (tmp_path / "asked.py").write_text(ASKED)
     outcome = run(bench, "asked.py")
     assert (outcome.code, outcome.out) == (0, "0 6\nTrue False\nFalse 1\n"), outcome.err
+
+
+UNTYPED = """
+import warnings
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+
+class Named(Node):
+    def __init__(self):
+        super().__init__("named")
+        self.declare_parameter("alone")  # here
+
+
+rclpy.init()
+node = Named()
+print(node.get_parameter("alone").value)
+# Its type may change.
+node.set_parameters([Parameter("alone", value=1)])
+node.set_parameters([Parameter("alone", value="text")])
+print(node.get_parameter("alone").value)
+node.declare_parameters("group", [("one",)])  # and here
+warnings.simplefilter("error")
+node.declare_parameter("dynamic", descriptor=ParameterDescriptor(dynamic_typing=True))
+print(node.get_parameter("dynamic").value)
+node.declare_parameter("typed", Parameter.Type.INTEGER)
+dynamic = ParameterDescriptor(dynamic_typing=True)
+for stated in [
+    ("none", None, ParameterDescriptor()),
+    ("both", Parameter.Type.INTEGER, dynamic),
+    ("unset", Parameter.Type.NOT_SET),
+]:
+    try:
+        node.declare_parameter(*stated)
+    except ValueError as error:
+        print(error)
+    print(node.has_parameter(stated[0]))
+"""
+
+
+def test_a_parameter_that_has_only_a_name_is_warned_of(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "untyped.py").write_text(UNTYPED)
+    outcome = run(bench, "untyped.py")
+    assert outcome.code == 0, outcome.err
+    assert outcome.out.splitlines() == [
+        "None",
+        "text",
+        "None",
+        "Cannot declare a statically typed parameter with default value of type PARAMETER_NOT_SET",
+        "False",
+        "When declaring parameter {both} passing a descriptor with`dynamic_typing=True` is not"
+        " allowed when the parameter type is provided",
+        "False",
+        "Cannot declare parameter {unset} as statically typed of type NOT_SET",
+        "False",
+    ]
+    warned = [line for line in outcome.err.splitlines() if "UserWarning" in line]
+    lines = UNTYPED.splitlines()
+    for name, words, line in zip(
+        ("alone", "group.one"), ("# here", "# and here"), warned, strict=True
+    ):
+        number = next(at for at, it in enumerate(lines, 1) if words in it)
+        said = f"when declaring parameter named '{name}', declaring a parameter only providing its"
+        assert re.search(rf"untyped\.py:{number}: UserWarning: {said}", line), outcome.err

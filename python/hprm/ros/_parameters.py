@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -84,20 +86,30 @@ class Parameters:
         value = stated[0] if stated else None
         descriptor = stated[1] if len(stated) > 1 else None
         if descriptor is None:
-            # Without a value there is no type that later values must have.
-            descriptor = interface("rcl_interfaces.msg", "ParameterDescriptor")(
-                dynamic_typing=value is None and len(stated) < 2
-            )
+            descriptor = interface("rcl_interfaces.msg", "ParameterDescriptor")()
+        if not stated:
+            _warn_of_name_only(name)
+            descriptor.dynamic_typing = True
         descriptor.name = name
         default: Any = value
         if isinstance(value, Parameter.Type):
-            descriptor.type, default = value.value, None
             if value is Parameter.Type.NOT_SET:
                 raise ValueError(
                     f"Cannot declare parameter {{{name}}} as statically typed of type NOT_SET"
                 )
+            if descriptor.dynamic_typing:
+                raise ValueError(
+                    f"When declaring parameter {{{name}}} passing a descriptor with"
+                    "`dynamic_typing=True` is not allowed when the parameter type is provided"
+                )
+            descriptor.type, default = value.value, None
         elif isinstance(value, Parameter):
             default = value.value
+        if default is None and value is None and not descriptor.dynamic_typing:
+            raise ValueError(
+                "Cannot declare a statically typed parameter with default value of type"
+                " PARAMETER_NOT_SET"
+            )
         if isinstance(value, Parameter.Type) is False and default is not None:
             descriptor.type = Parameter.Type.from_parameter_value(default).value
         self._descriptors[name] = descriptor
@@ -353,3 +365,16 @@ class Parameters:
     def _check_name(name: str) -> None:
         if not name:
             raise InvalidParameterException(name)
+
+
+def _warn_of_name_only(name: str) -> None:
+    """Warn of a parameter that has neither value nor type, at the line of the program."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and frame.f_globals.get("__name__") == __name__:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(
+        f"when declaring parameter named '{name}', declaring a parameter only providing its name is"
+        " deprecated. You have to pass a default value, a type, or a descriptor with"
+        " `dynamic_typing=True`",
+        stacklevel=level,
+    )
