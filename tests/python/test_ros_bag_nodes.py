@@ -185,6 +185,30 @@ def test_what_a_script_publishes_is_recorded_until_ctrl_c(bench: Bench, words: l
         ]
 
 
+@pytest.mark.parametrize(
+    "words", [["play", "point"], ["record", "-o", "bag"], ["record", "-o", "bag", "+", "talker.py"]]
+)
+def test_ctrl_c_while_a_bag_is_about_to_be_played_or_recorded_is_quiet(
+    bench: Bench, words: list[str]
+) -> None:
+    with BagWriter(bench.folder / "point") as writer:
+        kind = class_of("std_msgs/msg/String")
+        writer.put("/chatter", kind, 1, kind(data="text"))
+    # Python runs this first: the signal comes while the program imports what only it needs.
+    (bench.folder / "sitecustomize.py").write_text("""
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "hprm.ros._bags.qualities":
+            os.killpg(0, signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+""")
+    process = bench.call("bag", *words, environment={"PYTHONPATH": str(bench.folder)})
+    outcome = finish(process)
+    assert (outcome.code, outcome.out, outcome.err) == (130, "", "")
+    assert not [path.name for path in bench.folder.iterdir() if "bag" in path.name]
+
+
 def test_two_signals_one_right_after_the_other_are_one(bench: Bench) -> None:
     kind = "/chatter=std_msgs/msg/String"
     process = called(bench, "record", "--output", "bag", kind, "+", "talker.py")

@@ -31,6 +31,9 @@ from hprm.ros._messages.packages import note_called
 from hprm.ros.exceptions import ROSInterruptException
 from hprm.ros.executors import ExternalShutdownException
 
+#: Where the scripts are that are HPRM's own: they play and record bags.
+_OWN_PROGRAMS = Path(__file__).with_name("_bags")
+
 #: What ends a script that waits.
 _ENDS = (KeyboardInterrupt, ExternalShutdownException)
 _ENDS_OF_THREADS = (ROSInterruptException, ExternalShutdownException)
@@ -136,6 +139,9 @@ def _run(script: str, *arguments: str) -> int:
     sys.argv = [script, *arguments]
     sys.path[0] = os.path.dirname(os.path.abspath(script))
     _user_modules.install(Path(script))
+    if Path(script).parent == _OWN_PROGRAMS:
+        # What it imports belongs to the start of the process, in which Ctrl-C is quiet.
+        importlib.import_module(f"hprm.ros._bags.{Path(script).stem}")
     return _program(lambda: runpy.run_path(script, run_name="__main__"))
 
 

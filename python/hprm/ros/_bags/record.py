@@ -122,7 +122,14 @@ def check(words: list[str]) -> None:
 
 def main() -> int:
     """Record a bag until the program is asked to end. Return the exit code."""
-    options = _options(sys.argv[1:])
+    try:
+        return _record(_options(sys.argv[1:]))
+    except KeyboardInterrupt:
+        # Before anything is recorded.
+        return 130
+
+
+def _record(options: argparse.Namespace) -> int:
     hprm.ros.init(args=[])
     try:
         path, bag = _opened(options)
