@@ -366,7 +366,7 @@ def test_a_machine_that_keeps_its_old_roster_is_refused_as_well(machines: Machin
     finish(machines.agents.pop("robot2"))
     assert roster.read_text() == old
     with machines.spy("robot2", connect) as spy:
-        token = spy.liveliness().declare_token(f"hprm/agents/1/machines/robot2/{1:016x}")
+        token = spy.liveliness().declare_token(f"hprm/agents/2/machines/robot2/{1:016x}")
         rti, federates = machines.federation(PROGRAM, PLACES | dict.fromkeys(PLACES, "robot3"))
         assert [finish(process)[0] for process in [rti, *federates]] == [0] * 4
         assert machines.machines("robot1") == ["robot1", "robot3"]
@@ -406,7 +406,7 @@ def test_what_is_put_in_the_place_of_a_roster_changes_nothing(machines: Machines
 def test_a_machine_takes_no_name_and_reads_no_link_of_another(machines: Machines) -> None:
     enrolled(machines, "robot2", "robot3")
     start(machines, "robot1", "robot2")
-    root = "hprm/agents/1"
+    root = "hprm/agents/2"
     heard: list[str] = []
     with machines.spy("robot3", listens_at(machines.agents["robot1"])) as spy:
         # With its certificate it is a machine of its own.
@@ -476,7 +476,7 @@ def test_with_certificates_of_one_s_own_a_machine_takes_any_name(machines: Machi
     (port,) = free_ports(1)
     machines.start_agent("robot1", "--listen", f"127.0.0.1:{port}", *tls)
     with machines.spy("robot3", f"127.0.0.1:{port}") as spy:
-        token = spy.liveliness().declare_token(f"hprm/agents/1/machines/robot4/{1:016x}")
+        token = spy.liveliness().declare_token(f"hprm/agents/2/machines/robot4/{1:016x}")
         machines.wait_for("robot1", ["robot1", "robot4"])
         del token
 

@@ -360,7 +360,7 @@ def test_a_machine_of_the_roster_that_sends_what_is_too_large_disturbs_no_other(
     rti, federates = machines.federation(LONG, PLACES)
     assert federates[0].stdout is not None
     read = federates[0].stdout.readline()
-    root = "hprm/agents/1"
+    root = "hprm/agents/2"
     with machines.spy("robot3", listens_at(machines.agents["robot1"])) as spy:
         token = spy.liveliness().declare_token(f"{root}/machines/robot3/{7:016x}")
         until(lambda: "robot3" in machines.machines("robot1"))

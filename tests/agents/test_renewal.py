@@ -165,7 +165,7 @@ def test_what_is_no_certificate_of_this_machine_is_refused(
                 query.reply(query.key_expr, text)
             asked.append(str(query.parameters))
 
-        root, me = "hprm/agents/1", f"robot3/{7:016x}"
+        root, me = "hprm/agents/2", f"robot3/{7:016x}"
         queryable = spy.declare_queryable(f"{root}/certificates/{me}", answer)
         token = spy.liveliness().declare_token(f"{root}/machines/{me}")
         until(lambda: len(asked) >= 2)

@@ -198,7 +198,7 @@ def test_a_machine_is_a_router_only_if_the_authority_says_so(fleet: Fleet) -> No
     assert "hprm agent invite robot2 --router" in err
 
 
-ROOT = "hprm/agents/1"
+ROOT = "hprm/agents/2"
 
 
 def answers(session: zenoh.Session, key: str) -> list[str]:

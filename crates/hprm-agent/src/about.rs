@@ -1,7 +1,7 @@
 //! What agents tell one another of their machines, for `hprm machines`: a query to each agent, on
 //!
 //! ```text
-//! hprm/agents/1/about/AGENT
+//! hprm/agents/2/about/AGENT
 //! ```
 //!
 //! Nothing here has a part in what federations do. It runs on threads of its own, so that links do not wait for it.

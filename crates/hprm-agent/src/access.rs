@@ -14,7 +14,7 @@ use crate::carrier::ROOT;
 use crate::credentials::{Member, Roster};
 
 /// Where rosters are compared.
-pub(crate) const ROSTER: &str = "hprm/agents/1/roster";
+pub(crate) const ROSTER: &str = "hprm/agents/2/roster";
 
 /// The subject that everybody with a certificate is.
 const ANYONE: &str = "anyone";

@@ -1,14 +1,14 @@
 //! What carries packets between agents: a Zenoh session, and all that this program knows of Zenoh.
 //!
 //! ```text
-//! hprm/agents/1/machines/AGENT        a liveliness token: that agent is there
-//! hprm/agents/1/open/TO/FROM          a query that opens a link to a listener there
-//! hprm/agents/1/links/TO/FROM         packets of links, from one agent to another: the number of the link, and the packet
-//! hprm/agents/1/about/AGENT           a query for what `hprm machines` shows: see `about.rs`
-//! hprm/agents/1/roster                a query for a newer roster: see `membership.rs`
-//! hprm/agents/1/certificates/AGENT    a query for newer certificates of machines: see `renewal.rs`
-//! hprm/agents/1/to/ROUTER/...         packets and queries for agents that only a router reaches, and
-//! hprm/agents/1/by/ROUTER/...         what that makes of them: see `router.rs`
+//! hprm/agents/2/machines/AGENT        a liveliness token: that agent is there
+//! hprm/agents/2/open/TO/FROM          a query that opens a link to a listener there
+//! hprm/agents/2/links/TO/FROM         packets of links, from one agent to another: the number of the link, and the packet
+//! hprm/agents/2/about/AGENT           a query for what `hprm machines` shows: see `about.rs`
+//! hprm/agents/2/roster                a query for a newer roster: see `membership.rs`
+//! hprm/agents/2/certificates/AGENT    a query for newer certificates of machines: see `renewal.rs`
+//! hprm/agents/2/to/ROUTER/...         packets and queries for agents that only a router reaches, and
+//! hprm/agents/2/by/ROUTER/...         what that makes of them: see `router.rs`
 //! ```
 //!
 //! An agent is named by its machine and its epoch, `robot1/18ac55e2f6a0b1c2`, so an agent that was started again, or
@@ -50,7 +50,7 @@ use crate::replies::Replies;
 use crate::router::{self, Router};
 use crate::waiting::{Mark, may_block};
 
-pub(crate) const ROOT: &str = "hprm/agents/1";
+pub(crate) const ROOT: &str = "hprm/agents/2";
 
 /// How many packets and requests of other agents may wait for this program; more are dropped.
 pub(crate) const PACKETS: usize = 1024;

@@ -1,7 +1,7 @@
 //! How an agent learns of changes to the roster: from a file that changes in its folder, and from other agents.
 //!
 //! ```text
-//! hprm/agents/1/roster?NUMBER   a query for a roster with a higher number than that of the agent that asks
+//! hprm/agents/2/roster?NUMBER   a query for a roster with a higher number than that of the agent that asks
 //! ```
 //!
 //! Each agent asks all that it reaches, now and then, and at once when another one asks that has a newer roster. So a

@@ -1,7 +1,7 @@
 //! How renewed certificates get around, and what an agent does so that certificates do not end unnoticed.
 //!
 //! ```text
-//! hprm/agents/1/certificates/AGENT?DIGEST   a query for the certificates that AGENT knows, unless they have that digest
+//! hprm/agents/2/certificates/AGENT?DIGEST   a query for the certificates that AGENT knows, unless they have that digest
 //! ```
 //!
 //! Each agent keeps the certificates of all machines, and now and then compares them with one other agent, which it takes at

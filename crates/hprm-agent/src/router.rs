@@ -2,9 +2,9 @@
 //! and queries to them.
 //!
 //! ```text
-//! hprm/agents/1/routes/ROUTER/AGENT  a liveliness token: the agent of the machine ROUTER reaches AGENT
-//! hprm/agents/1/to/ROUTER/KEY        what another agent would say with a KEY, if it reached the one that is meant
-//! hprm/agents/1/by/ROUTER/KEY        the same, as that one hears it
+//! hprm/agents/2/routes/ROUTER/AGENT  a liveliness token: the agent of the machine ROUTER reaches AGENT
+//! hprm/agents/2/to/ROUTER/KEY        what another agent would say with a KEY, if it reached the one that is meant
+//! hprm/agents/2/by/ROUTER/KEY        the same, as that one hears it
 //! ```
 //!
 //! Zenoh's own routers do not do this: those of version 1.10 lead nothing from one peer to another one, and if all agents
@@ -222,7 +222,7 @@ mod tests {
         let direct = key(None, "links/a/1/b/2");
         let there = key(Some("hub"), "links/a/1/b/2");
         let heard = onward(&there).unwrap();
-        assert_eq!(heard, "hprm/agents/1/by/hub/links/a/1/b/2");
+        assert_eq!(heard, "hprm/agents/2/by/hub/links/a/1/b/2");
         assert_eq!(heard, key_from(Some("hub"), "links/a/1/b/2"));
         assert_eq!(direct, key_from(None, "links/a/1/b/2"));
         assert_eq!((of(&direct), of(&there), of(&heard).as_deref()), (None, None, Some("hub")));
