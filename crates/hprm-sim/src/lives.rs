@@ -5,7 +5,8 @@
 //! message that is sent to a federate at its first tag or later arrives. A message that was sent before,
 //! for such a tag, may arrive; here it arrives if it did in the run. The same holds for a message for a tag
 //! after the last one of the program: a federate that does not know that tag yet sends it, and one that does
-//! not. A process that was killed may have passed the last tag, and have taken such a message. One that was killed when
+//! not. A process that was killed may have passed the last tag, and have taken such a message; what others send to it at the last
+//! tag, which they have agreed on without it, it does not get. One that was killed when
 //! another federate was about to join may have passed the first tag of that one, which has started without it: it gets nothing of it.
 
 use std::collections::BTreeSet;
@@ -100,6 +101,11 @@ impl<'a> Actor<'a> {
         !self.ends && first <= other.first && other.without.contains(&federate)
     }
 
+    /// Whether it was killed after it had passed the last tag of the program, of which others did not know then.
+    fn has_passed(&self, stop: Tag) -> bool {
+        !self.ends && self.life.last > stop
+    }
+
     /// What it does next, unless it is killed before.
     fn next(&self) -> Option<Tag> {
         let next = self.scheduler.next_tag().min(self.stop.unwrap_or(Tag::FOREVER));
@@ -174,6 +180,7 @@ impl Stage<'_> {
             let arrived = actor.arrivals.contains(&(send.channel, send.tag));
             let must = now >= actor.life.first
                 && send.tag <= self.stop
+                && !(now == self.stop && actor.has_passed(now))
                 && !actor.was_killed_before(sender);
             if must && !arrived && send.tag < self.certain {
                 let (sent, at) = (send.channel, send.tag);

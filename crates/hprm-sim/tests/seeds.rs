@@ -10,7 +10,7 @@ use hprm_sim::{Latency, Plan, Rng, Shape, Traffic, Trial, World, generate, scena
 const SEEDS: u64 = 20_000;
 
 /// Seeds among millions that have found faults which those do not.
-const LATER: [u64; 5] = [24_367, 87_629, 3_771_157, 6_577_067, 7_086_814];
+const LATER: [u64; 7] = [24_367, 87_629, 3_771_157, 6_577_067, 7_086_814, 9_192_273, 9_583_016];
 
 #[test]
 fn later_seeds_do_what_their_program_does() {

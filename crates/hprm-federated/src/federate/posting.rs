@@ -362,10 +362,11 @@ impl Federate {
 
 impl Showing {
     /// Whether no federate needs to know how far this one has got: it sends to none, and neither shows that it waits nor
-    /// asks federates elsewhere. Those that release it count its messages.
+    /// asks federates elsewhere, nor does one that leaves wait for its answer. Those that release it count its messages.
     fn matters_to_none(&self) -> bool {
         let does_not_wait = || self.shown.is_some_and(|shown| shown.waits == Step::NEVER);
-        self.is_last && self.elsewhere.is_empty() && does_not_wait()
+        let is_asked = || !self.departing.is_empty();
+        self.is_last && self.elsewhere.is_empty() && does_not_wait() && !is_asked()
     }
 
     /// What is to be posted, if it is new. What only a clock changes is posted now and then.
