@@ -16,6 +16,7 @@ use hprm_federated::relay::{Bytes, Input, Relay};
 
 use crate::Failure;
 use crate::carrier::{AgentId, BATCHES, Carrier, Event, FRAME, LinkId, Opening, Way};
+use crate::lingering::Lingering;
 use crate::link::Link;
 use crate::local::{Local, answer};
 use crate::membership::Membership;
@@ -66,6 +67,7 @@ struct Agent {
     /// Where the shipping service is, and whether it leads what others send one another.
     dock: Watched<ShippingDock>,
     leads_shipments: Arc<AtomicBool>,
+    lingering: Lingering,
 }
 
 /// Runs an agent until a signal ends it.
@@ -167,6 +169,7 @@ impl Agent {
             others: Others::default(),
             rival_since: None,
             leads_shipments,
+            lingering: Lingering::new(),
         };
         Ok((agent, shipping, spawns))
     }
@@ -176,7 +179,8 @@ impl Agent {
             let next = self.next_wakeup();
             let done = match self.waiting.wait(next).await {
                 Ok(ready) if ready.contains(&self.stop.token()) => break,
-                Ok(ready) if self.is_busy() => {
+                // Once for all that may wait: each time, another thread takes over what this one did.
+                Ok(ready) if self.is_busy() || self.is_to_look(&ready) => {
                     may_block(|| self.proceed(&ready, u64::MAX, &options))
                 }
                 Ok(ready) => self.proceed(&ready, QUIET, &options),
@@ -199,6 +203,12 @@ impl Agent {
         self.links.values().map(Link::in_flight).sum::<u64>() > QUIET
     }
 
+    /// Whether something has happened that is rare, or it is time to look for that.
+    fn is_to_look(&self, ready: &[Token]) -> bool {
+        let is_due = || ready.contains(&self.control.token()) || Clock::local() >= self.look_at;
+        self.carrier.has_rare_events() || is_due()
+    }
+
     /// Does what there is to do. Of what processes send, it takes about so many bytes.
     fn proceed(&mut self, ready: &[Token], most: u64, options: &Options) -> Result<(), Failure> {
         self.take_events();
@@ -216,6 +226,7 @@ impl Agent {
     fn look(&mut self, options: &Options) -> Result<(), Failure> {
         self.take_requests();
         self.starters.reap();
+        self.lingering.look();
         self.look_at_ends(options);
         self.belong(options)?;
         if self.is_second() {
@@ -230,7 +241,8 @@ impl Agent {
         let rival = self.rival_since.map(|since| since.plus(LEASE));
         let roster = self.membership.as_ref().map(Membership::next_wakeup);
         let looks = [rival, roster, self.starters.next_wakeup(), self.local.next_wakeup()];
-        let looks = looks.into_iter().flatten().chain([self.daily.next_wakeup()]);
+        let looks = looks.into_iter().flatten();
+        let looks = looks.chain([self.daily.next_wakeup(), self.lingering.next_wakeup()]);
         self.look_at = looks.fold(self.look_at, PhysicalTime::min);
         self.links.values().map(Link::next_wakeup).fold(self.look_at, PhysicalTime::min)
     }
@@ -533,9 +545,9 @@ impl Agent {
                 link.handle(now, Input::Wake);
             }
         }
-        let before = self.links.len();
-        self.links.retain(|_, link| !link.is_over(now));
-        if self.links.len() < before {
+        if self.links.values().any(|link| link.is_over(now)) {
+            // Zenoh is to forget their keys.
+            may_block(|| self.links.retain(|_, link| !link.is_over(now)));
             self.tokens.retain(|_, id| self.links.contains_key(id));
         }
     }
@@ -543,7 +555,8 @@ impl Agent {
     /// Ends the process and leaves nothing behind here. What Zenoh has is not touched any more.
     fn end_without_carrier(self) -> ! {
         let Self { local, links, starters, carrier: _carrier, .. } = self;
-        drop((links, local, starters));
+        links.into_values().for_each(Link::leave_carrier);
+        drop((local, starters));
         eprintln!("error: Zenoh has failed, so the agent of {} ends", self.me.machine);
         eprintln!("  hint: start it again, and report what it says above to its developers");
         std::process::exit(1)

@@ -20,7 +20,9 @@
 use std::fmt;
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
+use std::thread;
 use std::time::Duration;
 
 use hprm::agent::{Answer, Limited, is_name};
@@ -121,6 +123,13 @@ pub(crate) enum Event {
     News(News),
 }
 
+impl Event {
+    /// Whether it is not about what a link carries.
+    fn is_rare(&self) -> bool {
+        !matches!(self, Self::Packet { .. })
+    }
+}
+
 /// A link that another agent wants to open.
 #[derive(Debug)]
 pub(crate) struct Opening {
@@ -166,6 +175,8 @@ struct Declared {
 struct Inbox {
     packets: SyncSender<Event>,
     events: Sender<Event>,
+    /// How many events wait that are no packets.
+    rare: AtomicUsize,
     ready: Mark,
 }
 
@@ -188,7 +199,8 @@ pub(crate) struct Way {
 /// they are that come; of others it finds that out for each packet.
 struct Named {
     session: zenoh::Session,
-    key: KeyExpr<'static>,
+    /// None only while it is dropped.
+    key: Option<KeyExpr<'static>>,
 }
 
 impl Carrier {
@@ -215,7 +227,8 @@ impl Carrier {
         })?;
         let (packets_in, packets) = sync_channel(PACKETS);
         let (events_in, events) = channel();
-        let inbox = Arc::new(Inbox { packets: packets_in, events: events_in, ready });
+        let rare = AtomicUsize::new(0);
+        let inbox = Arc::new(Inbox { packets: packets_in, events: events_in, rare, ready });
         let failed = |error| Failure::new(format!("Zenoh fails: {error}"));
         let here = Arc::new(Here::new(options, limited));
         let replies = Replies::open()
@@ -273,7 +286,14 @@ impl Carrier {
 
     /// What has happened, if anything has.
     pub(crate) fn next(&self) -> Option<Event> {
-        self.events.try_recv().or_else(|_| self.packets.try_recv()).ok()
+        let event = self.events.try_recv().or_else(|_| self.packets.try_recv()).ok()?;
+        self.inbox.rare.fetch_sub(usize::from(event.is_rare()), Ordering::Relaxed);
+        Some(event)
+    }
+
+    /// Whether events have come that are no packets.
+    pub(crate) fn has_rare_events(&self) -> bool {
+        self.inbox.rare.load(Ordering::Relaxed) > 0
     }
 
     /// Marks that there is more to do.
@@ -388,7 +408,8 @@ impl Way {
     }
 
     fn put(&self, packet: ZBytes) {
-        let put = self.to.session.put(&self.to.key, packet).priority(self.priority);
+        let Named { session, key: Some(key) } = &self.to else { return };
+        let put = session.put(key, packet).priority(self.priority);
         let put = put.congestion_control(self.congestion);
         // A session that has ended carries nothing; the link notices the silence.
         let _ = match self.congestion {
@@ -402,14 +423,19 @@ impl Named {
     fn new(session: &zenoh::Session, key: String) -> Result<Self, String> {
         let declared = session.declare_keyexpr(key).wait();
         let key = declared.map_err(|error| error.to_string())?;
-        Ok(Self { session: session.clone(), key })
+        Ok(Self { session: session.clone(), key: Some(key) })
     }
 }
 
 impl Drop for Named {
     fn drop(&mut self) {
+        let Some(key) = self.key.take() else { return };
+        if thread::panicking() {
+            // Of Zenoh perhaps, which would panic again.
+            return std::mem::forget(key);
+        }
         // A session that has ended knows nothing any more.
-        let _ = may_block(|| self.session.undeclare(self.key.clone()).wait());
+        let _ = may_block(|| self.session.undeclare(key).wait());
     }
 }
 
@@ -450,10 +476,15 @@ impl Inbox {
         // What others send may be any number, and is dropped where there is no room: a packet is sent again, and so is
         // what opens a link. Without a receiver, the program ends.
         let is_sent = matches!(event, Event::Packet { .. } | Event::Opening(_) | Event::News(_));
-        let _ = match is_sent {
-            true => self.packets.try_send(event).map_err(drop),
-            false => self.events.send(event).map_err(drop),
+        let is_rare = usize::from(event.is_rare());
+        self.rare.fetch_add(is_rare, Ordering::Relaxed);
+        let put = match is_sent {
+            true => self.packets.try_send(event).is_ok(),
+            false => self.events.send(event).is_ok(),
         };
+        if !put {
+            self.rare.fetch_sub(is_rare, Ordering::Relaxed);
+        }
         self.ready.set();
     }
 }

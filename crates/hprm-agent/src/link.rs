@@ -10,6 +10,7 @@ use hprm_federated::relay::{Bytes, End, Input, Output, Relay};
 
 use crate::carrier::{FRAME, Way};
 use crate::near::Near;
+use crate::waiting::may_block;
 
 /// See the module.
 pub(crate) struct Link {
@@ -66,6 +67,11 @@ impl Link {
             self.is_open = true;
             self.relay = Relay::new(self.epoch, now);
         }
+    }
+
+    /// Ends what is at this end, and touches nothing of Zenoh, which has failed.
+    pub(crate) fn leave_carrier(self) {
+        std::mem::forget(self.way);
     }
 
     /// Sends another way from now on.
@@ -209,7 +215,9 @@ impl Link {
                 if self.near.take().is_some() && self.is_open {
                     // The other end may say anything.
                     let why = end.to_string();
-                    eprintln!("the link {} has ended: {}", self.what, printable(&why));
+                    let text = format!("the link {} has ended: {}", self.what, printable(&why));
+                    // Perhaps nothing reads it, and then it takes no more.
+                    may_block(|| eprintln!("{text}"));
                 }
                 self.unread.clear();
             }

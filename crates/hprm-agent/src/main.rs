@@ -5,7 +5,7 @@
 //! of this machine want, `link.rs` one link, `starters.rs` what starts programs for other machines, `limits.rs` and `groups.rs` what these may use, `credentials.rs` how machines
 //! come to belong together, `membership.rs` how they learn that this has changed, `renewal.rs` how they get certificates that end later, `access.rs` what each
 //! of them may say, `door.rs` how long a session connects,
-//! `waiting.rs` what the loop waits for, `threads.rs` on which thread,
+//! `lingering.rs` how connections are closed at once, `waiting.rs` what the loop waits for, `threads.rs` on which thread,
 //! `replies.rs` where queries of others are answered.
 
 #![forbid(unsafe_code)]
@@ -18,6 +18,7 @@ mod credentials;
 mod door;
 mod groups;
 mod limits;
+mod lingering;
 mod link;
 mod local;
 mod membership;

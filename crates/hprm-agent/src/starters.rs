@@ -102,6 +102,7 @@ impl Starters {
     ///
     /// Why not.
     pub(crate) fn start(&mut self, connection: &UnixStream) -> Result<(), String> {
+        self.reap();
         let machine = &self.machine;
         let Some(programs) = &self.programs else {
             return Err(format!(
@@ -155,7 +156,7 @@ impl Starters {
 
     /// When to do that again, even if nothing else happens.
     pub(crate) fn next_wakeup(&self) -> Option<PhysicalTime> {
-        let is_awaited = !self.ending.is_empty() || self.running.iter().any(|(_, it)| it.is_some());
+        let is_awaited = !self.ending.is_empty() || !self.running.is_empty();
         is_awaited.then(|| Clock::local().plus(LOOK))
     }
 }

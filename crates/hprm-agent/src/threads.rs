@@ -22,6 +22,10 @@ const VARIABLE: &str = "ZENOH_RUNTIME";
 const ONE: &str =
     "(rx: (handover: tx), acc: (handover: tx), net: (handover: tx), tx: (worker_threads: 1))";
 
+/// How many heaps the C library has at most. While the loop blocks, another thread goes on, and then another one: each would have
+/// a heap of its own, and what is free in one of no use to the others.
+const HEAPS: (&str, &str) = ("MALLOC_ARENA_MAX", "2");
+
 /// Comes back in a process in which one thread reads and writes.
 ///
 /// # Errors
@@ -38,7 +42,11 @@ pub(crate) fn share() -> Result<(), Failure> {
     if let Some(name) = words.next() {
         again.arg0(name);
     }
-    let error = again.args(words).env(VARIABLE, ONE).exec();
+    again.args(words).env(VARIABLE, ONE);
+    if env::var_os(HEAPS.0).is_none() {
+        again.env(HEAPS.0, HEAPS.1);
+    }
+    let error = again.exec();
     Err(Failure::new(format!("the agent cannot start itself again: {error}")))
 }
 
@@ -50,7 +58,9 @@ pub(crate) fn runtime() -> &'static Handle {
 
 /// Keeps from a process that this one starts what was only for this one.
 pub(crate) fn forget(command: &mut Command) {
-    if env::var_os(VARIABLE).is_some_and(|set| set == ONE) {
-        command.env_remove(VARIABLE);
+    for (name, value) in [(VARIABLE, ONE), HEAPS] {
+        if env::var_os(name).is_some_and(|set| set == value) {
+            command.env_remove(name);
+        }
     }
 }

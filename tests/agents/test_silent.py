@@ -1,0 +1,134 @@
+"""An agent whose peer has fallen silent with much on its way to it."""
+
+from __future__ import annotations
+
+import array
+import contextlib
+import signal
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from machines import Machines, free_ports, listens_at, until
+
+#: Links that much is written to.
+FLOODS = 6
+
+
+def test_a_silent_machine_holds_up_no_other_one_and_no_local_process(machines: Machines) -> None:
+    three(machines)
+    there = [connected(machines, "robot2") for _ in range(FLOODS)]
+    here, far = connected(machines, "robot3")
+    with flooded(there):
+        machines.agents["robot2"].send_signal(signal.SIGSTOP)
+        longest = {"link": 0.0, "local": 0.0}
+        # Zenoh takes the machine for gone after ten seconds, and closes the connection.
+        end = time.monotonic() + 16
+        while time.monotonic() < end:
+            began = time.monotonic()
+            here.sendall(b"ping")
+            far.sendall(far.recv(4))
+            assert here.recv(4) == b"ping"
+            longest["link"] = max(longest["link"], time.monotonic() - began)
+            began = time.monotonic()
+            ask(machines, "robot1", "route robot3").close()
+            longest["local"] = max(longest["local"], time.monotonic() - began)
+            time.sleep(0.02)
+        assert max(longest.values()) < 5, longest
+        machines.agents["robot2"].send_signal(signal.SIGCONT)
+
+
+def test_an_agent_ends_soon_while_a_machine_is_silent(machines: Machines) -> None:
+    machines.start_agents()
+    with flooded([connected(machines, "robot2") for _ in range(FLOODS)]):
+        machines.agents["robot2"].send_signal(signal.SIGSTOP)
+        time.sleep(1)
+        machines.agents["robot1"].terminate()
+        assert machines.agents["robot1"].wait(8) == 0
+        machines.agents["robot2"].send_signal(signal.SIGCONT)
+
+
+def test_starters_that_end_at_once_do_not_count(machines: Machines) -> None:
+    keys = machines.folder / "keys"
+    keys.touch(0o600)
+    machines.start_agents("--fleet-keys", str(keys), "--allow-root")
+    for _ in range(70):
+        ask(machines, "robot1", "connect robot2/starters").close()
+    until(lambda: children(machines.agents["robot2"]) == 0, 20)
+
+
+def three(machines: Machines) -> None:
+    """Three agents: all reach the first one."""
+    machines.start_agents()
+    (port,) = free_ports(1)
+    connect = ["--connect", listens_at(machines.agents["robot1"]).removeprefix("tcp/")]
+    machines.start_agent("robot3", "--listen", f"127.0.0.1:{port}", *connect)
+    until(lambda: "robot3" in machines.machines("robot1"))
+
+
+def ask(machines: Machines, machine: str, words: str) -> socket.socket:
+    """Asks an agent for something, which it has done."""
+    stream = socket.socket(socket.AF_UNIX)
+    machines.sockets.append(stream)
+    stream.settimeout(30)
+    stream.connect(f"\0{machines.address(machine)}")
+    stream.sendall(f"hprm-agent-1 {words}\n".encode())
+    answer = b""
+    while not answer.endswith(b"\n"):
+        answer += stream.recv(1)
+    assert answer.startswith(b"done "), answer
+    return stream
+
+
+def connected(machines: Machines, machine: str) -> tuple[socket.socket, socket.socket]:
+    """A link from the first machine to another one: both ends."""
+    name = f"sink{len(machines.sockets)}"
+    listener = ask(machines, machine, f"listen ./{name}")
+    here = ask(machines, "robot1", f"connect {machine}/{name}")
+    _, control, _, _ = listener.recvmsg(1, socket.CMSG_SPACE(4))
+    ((_, _, data),) = control
+    (descriptor,) = array.array("i", data)
+    far = socket.socket(fileno=descriptor)
+    far.setblocking(True)
+    machines.sockets.append(far)
+    return here, far
+
+
+@contextlib.contextmanager
+def flooded(links: list[tuple[socket.socket, socket.socket]]) -> Iterator[None]:
+    """Writes to links without a pause, and reads what comes."""
+
+    def write(end: socket.socket) -> None:
+        end.settimeout(None)
+        with contextlib.suppress(OSError):
+            while True:
+                end.send(bytes(65_536))
+
+    def read(end: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            while end.recv(1 << 20):
+                pass
+
+    ends = [*((write, here) for here, _ in links), *((read, far) for _, far in links)]
+    threads = [threading.Thread(target=work, args=[end]) for work, end in ends]
+    for thread in threads:
+        thread.start()
+    time.sleep(1)
+    try:
+        yield
+    finally:
+        for pair in links:
+            for end in pair:
+                with contextlib.suppress(OSError):
+                    end.shutdown(socket.SHUT_RDWR)
+        for thread in threads:
+            thread.join()
+
+
+def children(process: subprocess.Popen[str]) -> int:
+    """How many children a process has, those included that it has not taken note of."""
+    each = Path(f"/proc/{process.pid}/task").glob("*/children")
+    return sum(len(path.read_text().split()) for path in each)
