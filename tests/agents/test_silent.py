@@ -24,6 +24,8 @@ def test_a_silent_machine_holds_up_no_other_one_and_no_local_process(machines: M
     here, far = connected(machines, "robot3")
     with flooded(there):
         machines.agents["robot2"].send_signal(signal.SIGSTOP)
+        (shown,) = (it for it in machines.tell_machines("robot1") if it["name"] == "robot2")
+        assert shown["about"] is None
         longest = {"link": 0.0, "local": 0.0}
         # Zenoh takes the machine for gone after ten seconds, and closes the connection.
         end = time.monotonic() + 16
@@ -38,6 +40,7 @@ def test_a_silent_machine_holds_up_no_other_one_and_no_local_process(machines: M
             longest["local"] = max(longest["local"], time.monotonic() - began)
             time.sleep(0.02)
         assert max(longest.values()) < 5, longest
+        assert "robot2" not in machines.machines("robot1")
         machines.agents["robot2"].send_signal(signal.SIGCONT)
 
 
