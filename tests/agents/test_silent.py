@@ -12,7 +12,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from machines import Machines, free_ports, listens_at, until
+from machines import Machines, listens_at, until
+from tcp_ports import free_ports
 
 #: Links that much is written to.
 FLOODS = 6
