@@ -432,16 +432,24 @@ def test_one_that_first_comes_when_all_end_has_not_failed(
     assert outcome.err.count(said) == 1, outcome.err
 
 
-@pytest.mark.parametrize("coordination", COORDINATIONS)
-def test_a_successor_that_is_killed_while_it_loads_changes_nothing(
-    bench: Bench, coordination: str
-) -> None:
-    text = program(coordination, '@restart("on-failure")', SLOW + FORWARD, "60 s")
+def start_with_successor(
+    bench: Bench, text: str
+) -> tuple[subprocess.Popen[str], int, subprocess.Popen[str]]:
+    """A run, the process of `mid` in it, and one by hand that is to replace that and loads."""
     process = bench.start(text)
     first = bench.pid("mid0")
     (bench.folder / "slow").touch()
     by_hand = bench.call("federate", "Main.lf", "mid")
     until((bench.folder / "loads").exists, "the successor loads its program")
+    return process, first, by_hand
+
+
+@pytest.mark.parametrize("coordination", COORDINATIONS)
+def test_a_successor_that_is_killed_while_it_loads_changes_nothing(
+    bench: Bench, coordination: str
+) -> None:
+    text = program(coordination, '@restart("on-failure")', SLOW + FORWARD, "60 s")
+    process, first, by_hand = start_with_successor(bench, text)
     by_hand.kill()
     finish(by_hand)
     said = "warning: another process was joining as federate mid, and has ended"
@@ -461,11 +469,7 @@ def test_one_that_is_away_comes_back_when_the_process_that_joins_instead_is_kill
     bench: Bench, coordination: str
 ) -> None:
     text = program(coordination, '@restart("on-failure", sec=1 s)', SLOW + FORWARD, "60 s")
-    process = bench.start(text)
-    first = bench.pid("mid0")
-    (bench.folder / "slow").touch()
-    by_hand = bench.call("federate", "Main.lf", "mid")
-    until((bench.folder / "loads").exists, "the successor loads its program")
+    process, first, by_hand = start_with_successor(bench, text)
     os.kill(first, signal.SIGKILL)
     heard = hear(process.stderr, "restart 1 follows")
     # The pause is over, and nothing is started while the other process joins.

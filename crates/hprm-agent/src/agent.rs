@@ -180,7 +180,7 @@ impl Agent {
             let done = match self.waiting.wait(next).await {
                 Ok(ready) if ready.contains(&self.stop.token()) => break,
                 // Once for all that may wait: each time, another thread takes over what this one did.
-                Ok(ready) if self.is_busy() || self.is_to_look(&ready) => {
+                Ok(ready) if self.may_wait(&ready) => {
                     may_block(|| self.proceed(&ready, u64::MAX, &options))
                 }
                 Ok(ready) => self.proceed(&ready, QUIET, &options),
@@ -198,15 +198,19 @@ impl Agent {
         Ok(())
     }
 
+    /// Whether what there is to do may wait for something.
+    fn may_wait(&self, ready: &[Token]) -> bool {
+        self.is_busy() || self.carrier.has_rare_events() || self.is_to_look(ready)
+    }
+
     /// Whether so much is on its way that Zenoh may have no room for more.
     fn is_busy(&self) -> bool {
         self.links.values().map(Link::in_flight).sum::<u64>() > QUIET
     }
 
-    /// Whether something has happened that is rare, or it is time to look for that.
+    /// Whether something has happened that is not about what links carry, or it is time to look for that.
     fn is_to_look(&self, ready: &[Token]) -> bool {
-        let is_due = || ready.contains(&self.control.token()) || Clock::local() >= self.look_at;
-        self.carrier.has_rare_events() || is_due()
+        ready.contains(&self.control.token()) || Clock::local() >= self.look_at
     }
 
     /// Does what there is to do. Of what processes send, it takes about so many bytes.
@@ -214,7 +218,7 @@ impl Agent {
         self.take_events();
         // Links first: a process waits for what comes over one, and there are few requests.
         self.drive_links(ready, most);
-        if ready.contains(&self.control.token()) || Clock::local() >= self.look_at {
+        if self.is_to_look(ready) {
             may_block(|| self.look(options))?;
             self.look_at = PhysicalTime::FOREVER;
         }

@@ -91,16 +91,17 @@ impl Router {
 
 /// The key of what is meant for another agent: it hears it itself, or a router leads it there.
 pub(crate) fn key(router: Option<&str>, rest: &str) -> String {
-    match router {
-        Some(router) => format!("{ROOT}/to/{router}/{rest}"),
-        None => format!("{ROOT}/{rest}"),
-    }
+    through("to", router, rest)
 }
 
 /// How this agent hears what another one says with a key, perhaps to a router.
 pub(crate) fn key_from(router: Option<&str>, rest: &str) -> String {
+    through("by", router, rest)
+}
+
+fn through(side: &str, router: Option<&str>, rest: &str) -> String {
     match router {
-        Some(router) => format!("{ROOT}/by/{router}/{rest}"),
+        Some(router) => format!("{ROOT}/{side}/{router}/{rest}"),
         None => format!("{ROOT}/{rest}"),
     }
 }

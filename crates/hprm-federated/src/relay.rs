@@ -289,7 +289,7 @@ impl Relay {
 
     /// What is to be done next. One answer is enough for all packets that have come before.
     pub fn poll(&mut self) -> Option<Output> {
-        if let Some(output) = self.outputs.pop_front() {
+        if let Some(output) = self.poll_near() {
             return Some(output);
         }
         if let Some((_, reason)) = &self.ended {

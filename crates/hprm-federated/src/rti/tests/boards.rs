@@ -12,21 +12,11 @@ fn joined(text: &str, from: &[(HostId, &str)]) -> (Rti, bool) {
     let mut rti = rti(text).with_boards(false);
     let mut last = Vec::new();
     for (id, (host, listen)) in (0..).zip(from) {
-        let Frame::Hello { protocol, federation, fingerprint, federate, attempt, .. } = hello(id)
-        else {
+        let mut hello = hello(id);
+        let Frame::Hello { host: at, listen: address, .. } = &mut hello else {
             unreachable!("it is a greeting");
         };
-        let (host, listen) = (*host, Some((*listen).to_owned()).filter(|it| !it.is_empty()));
-        let hello = Frame::Hello {
-            protocol,
-            federation,
-            fingerprint,
-            federate,
-            host,
-            listen,
-            attempt,
-            launched: false,
-        };
+        (*at, *address) = (*host, Some((*listen).to_owned()).filter(|it| !it.is_empty()));
         last = input(&mut rti, id.into(), hello).unwrap();
     }
     let peers = last.iter().find_map(|output| match output {
