@@ -68,6 +68,7 @@ fn machine(member: &Member) -> Vec<Value> {
         format!("to/*/open/*/*/{name}/*"),
         "to/*/about/*/*".to_owned(),
     ];
+    let told_of = [format!("links/*/*/{name}/*"), "by/**".to_owned(), "to/**".to_owned()];
     let links_to_it = [format!("links/{name}/**"), format!("by/*/links/{name}/**")];
     let links_from_it = [format!("links/*/*/{name}/*"), format!("to/*/links/*/*/{name}/*")];
     let rule = Rules(member);
@@ -78,7 +79,8 @@ fn machine(member: &Member) -> Vec<Value> {
         rule.of("sends", &["put"], &["ingress"], &links_from_it),
         rule.of("receives", &["declare_subscriber"], &["ingress"], &links_to_it),
         rule.of("is sent to", &["put"], &["egress"], &links_to_it),
-        rule.of("is told", &["declare_subscriber"], &["egress"], &["links/**", "by/**", "to/**"]),
+        // Others need not know of a subscription that is meant by one machine (`hearing.rs`).
+        rule.of("is told", &["declare_subscriber"], &["egress"], &told_of),
         rule.of("asks", &["query"], &["ingress"], &from_it),
         rule.of("is answered", &["reply"], &["egress"], &from_it),
         rule.of("answers", &["reply", "declare_queryable"], &["ingress"], &to_it),

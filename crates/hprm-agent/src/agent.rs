@@ -381,11 +381,19 @@ impl Agent {
         if agent != self.me {
             self.carrier.reaches(&agent, is_there);
             self.others.set(agent, is_there);
+            self.hear_only_others();
             if let Some(membership) = self.membership.as_mut().filter(|_| is_there) {
                 membership.rounds.hurry(now);
             }
         }
         self.look_for_rivals(now);
+    }
+
+    /// Hears those agents no longer that are not there and have no link.
+    fn hear_only_others(&mut self) {
+        let Self { carrier, others, links, .. } = self;
+        let have_link = |agent: &AgentId| links.keys().any(|link| link.agent == *agent);
+        carrier.hear_only(|agent| others.are_direct(agent) || have_link(agent));
     }
 
     /// A router reaches another agent, or does not any more.
@@ -504,7 +512,7 @@ impl Agent {
     }
 
     /// The number of a new link, that of the life of this end, and its way.
-    fn new_link(&self, other: Reached) -> Result<(LinkId, u64, Way), String> {
+    fn new_link(&mut self, other: Reached) -> Result<(LinkId, u64, Way), String> {
         if self.links.len() >= LINKS {
             return Err(format!("the agent of {} has {LINKS} links already", self.me.machine));
         }
@@ -551,7 +559,10 @@ impl Agent {
         }
         if self.links.values().any(|link| link.is_over(now)) {
             // Zenoh is to forget their keys.
-            may_block(|| self.links.retain(|_, link| !link.is_over(now)));
+            may_block(|| {
+                self.links.retain(|_, link| !link.is_over(now));
+                self.hear_only_others();
+            });
             self.tokens.retain(|_, id| self.links.contains_key(id));
         }
     }

@@ -44,6 +44,7 @@ use crate::about::{self, Here};
 use crate::access;
 use crate::credentials::Credentials;
 use crate::door::Door;
+use crate::hearing::Hearing;
 use crate::membership::{self, News};
 use crate::options::Options;
 use crate::others::Reached;
@@ -154,6 +155,7 @@ pub(crate) struct Carrier {
     inbox: Arc<Inbox>,
     packets: Receiver<Event>,
     events: Receiver<Event>,
+    hearing: Hearing,
     here: Arc<Here>,
     replies: Replies,
     router: Option<Router>,
@@ -165,14 +167,15 @@ pub(crate) struct Carrier {
 /// What makes the machine known, and where what comes to it goes.
 struct Declared {
     _token: LivelinessToken,
-    _packets: [Subscriber<()>; 2],
+    /// Those that routers lead here; for others see `hearing.rs`.
+    _packets: Subscriber<()>,
     _openings: [Queryable<()>; 2],
     _machines: Subscriber<()>,
     _routes: Subscriber<()>,
 }
 
 /// Where the threads of Zenoh put what has happened.
-struct Inbox {
+pub(crate) struct Inbox {
     packets: SyncSender<Event>,
     events: Sender<Event>,
     /// How many events wait that are no packets.
@@ -186,8 +189,8 @@ struct Inbox {
 /// not bear it well if many come and go.
 pub(crate) struct Way {
     to: Named,
-    /// What comes back.
-    _from: Named,
+    /// What comes back through a router.
+    _from: Option<Named>,
     /// The link.
     number: u64,
     /// What becomes of a packet for which there is no room, and which room it has.
@@ -244,6 +247,7 @@ impl Carrier {
         let router = router.transpose().map_err(failed)?;
         let declared = declare(&session, &me, &inbox).map_err(failed)?;
         Ok(Self {
+            hearing: Hearing::new(&me, &session, &inbox),
             session,
             door,
             me,
@@ -345,18 +349,32 @@ impl Carrier {
         about::tell(self.session.clone(), Arc::clone(&self.here), others, stream);
     }
 
-    /// The way to the other end of a link.
-    pub(crate) fn way(&self, link: &LinkId) -> Result<Way, String> {
-        let router = link.router.as_deref();
-        let from = format!("links/{}/{}", self.me, link.agent);
+    /// The way to the other end of a link, and from there.
+    pub(crate) fn way(&mut self, link: &LinkId) -> Result<Way, String> {
+        let named = |key| Named::new(&self.session, key);
+        let from = match &link.router {
+            Some(router) => {
+                let from = format!("links/{}/{}", self.me, link.agent);
+                Some(named(router::key_from(router, &from))?)
+            }
+            None => {
+                self.hearing.hear(&link.agent).map_err(|error| error.to_string())?;
+                None
+            }
+        };
         let (congestion, priority) = (CongestionControl::Drop, Priority::DEFAULT);
         Ok(Way {
-            to: Named::new(&self.session, self.key_to(link))?,
-            _from: Named::new(&self.session, router::key_from(router, &from))?,
+            to: named(self.key_to(link))?,
+            _from: from,
             number: link.number,
             congestion,
             priority,
         })
+    }
+
+    /// Hears of packets only those agents further on that reach this one directly.
+    pub(crate) fn hear_only(&mut self, is_meant: impl Fn(&AgentId) -> bool) {
+        self.hearing.keep(is_meant);
     }
 
     fn key_to(&self, link: &LinkId) -> String {
@@ -472,6 +490,20 @@ impl Drop for Asked {
 }
 
 impl Inbox {
+    /// Takes what has come as a packet from an agent, and perhaps by a router.
+    pub(crate) fn put_packet(
+        &self,
+        from: impl FnOnce() -> Option<(AgentId, Option<String>)>,
+        payload: &ZBytes,
+    ) {
+        if payload.len() <= PACKET_LIMIT
+            && let Some((agent, router)) = from()
+            && let Some((number, packet)) = packet(payload)
+        {
+            self.put(Event::Packet { link: LinkId { agent, number, router }, packet });
+        }
+    }
+
     fn put(&self, event: Event) {
         // What others send may be any number, and is dropped where there is no room: a packet is sent again, and so is
         // what opens a link. Without a receiver, the program ends.
@@ -519,11 +551,7 @@ fn declare(
     let packets = |key: String| {
         let into = Arc::clone(inbox);
         let declared = session.declare_subscriber(key).callback(move |sample| {
-            if sample.payload().len() <= PACKET_LIMIT
-                && let Some((link, packet)) = packet(sample.key_expr().as_str(), sample.payload())
-            {
-                into.put(Event::Packet { link, packet });
-            }
+            into.put_packet(|| sender(sample.key_expr().as_str()), sample.payload());
         });
         declared.wait()
     };
@@ -548,10 +576,7 @@ fn declare(
         declared.wait()
     };
     Ok(Declared {
-        _packets: [
-            packets(format!("{ROOT}/links/{me}/*/*"))?,
-            packets(format!("{ROOT}/by/*/links/{me}/*/*"))?,
-        ],
+        _packets: packets(format!("{ROOT}/by/*/links/{me}/*/*"))?,
         _openings: [
             openings(format!("{ROOT}/open/{me}/*/*"))?,
             openings(format!("{ROOT}/by/*/open/{me}/*/*"))?,
@@ -599,13 +624,16 @@ fn opening(query: Query) -> Option<Opening> {
     is_name(&name).then_some(Opening { link, name, query })
 }
 
-/// The link to which a packet belongs, and the packet, if it is one.
-fn packet(key: &str, payload: &ZBytes) -> Option<(LinkId, Bytes)> {
-    let agent = AgentId::read(&mut key.rsplit('/'))?;
+/// The agent that has sent a packet, and the router that has led it, as its key tells.
+fn sender(key: &str) -> Option<(AgentId, Option<String>)> {
+    Some((AgentId::read(&mut key.rsplit('/'))?, router::of(key)))
+}
+
+/// The number of the link to which a packet belongs, and the packet, if it is one.
+fn packet(payload: &ZBytes) -> Option<(u64, Bytes)> {
     let bytes = bytes_of(payload);
     let number = u64::from_le_bytes(*bytes.first_chunk()?);
-    let packet = bytes.part(size_of_val(&number)..bytes.len());
-    Some((LinkId { agent, number, router: router::of(key) }, packet))
+    Some((number, bytes.part(size_of_val(&number)..bytes.len())))
 }
 
 fn config(

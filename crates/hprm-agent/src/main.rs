@@ -1,7 +1,7 @@
 //! The command `hprm-agent`: one process on each machine that leads links between federations' processes of different
 //! machines, through Zenoh.
 //!
-//! This file has the command line. `agent.rs` is the loop, `carrier.rs` and `about.rs` all that knows Zenoh, `local.rs` what processes
+//! This file has the command line. `agent.rs` is the loop, `carrier.rs`, `hearing.rs` and `about.rs` all that knows Zenoh, `local.rs` what processes
 //! of this machine want, `link.rs` one link, `starters.rs` what starts programs for other machines, `limits.rs` and `groups.rs` what these may use, `credentials.rs` how machines
 //! come to belong together, `membership.rs` how they learn that this has changed, `renewal.rs` how they get certificates that end later, `access.rs` what each
 //! of them may say, `door.rs` how long a session connects,
@@ -17,6 +17,7 @@ mod carrier;
 mod credentials;
 mod door;
 mod groups;
+mod hearing;
 mod limits;
 mod lingering;
 mod link;

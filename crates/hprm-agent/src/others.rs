@@ -64,6 +64,11 @@ impl Others {
         self.direct.iter().cloned().collect()
     }
 
+    /// Whether this agent is reached without a router.
+    pub(crate) fn are_direct(&self, agent: &AgentId) -> bool {
+        self.direct.contains(agent)
+    }
+
     /// Whether the agent of a machine is reached without a router.
     pub(crate) fn reaches(&self, machine: &str) -> bool {
         self.direct.iter().any(|agent| agent.machine == machine)

@@ -91,19 +91,15 @@ impl Router {
 
 /// The key of what is meant for another agent: it hears it itself, or a router leads it there.
 pub(crate) fn key(router: Option<&str>, rest: &str) -> String {
-    through("to", router, rest)
-}
-
-/// How this agent hears what another one says with a key, perhaps to a router.
-pub(crate) fn key_from(router: Option<&str>, rest: &str) -> String {
-    through("by", router, rest)
-}
-
-fn through(side: &str, router: Option<&str>, rest: &str) -> String {
     match router {
-        Some(router) => format!("{ROOT}/{side}/{router}/{rest}"),
+        Some(router) => format!("{ROOT}/to/{router}/{rest}"),
         None => format!("{ROOT}/{rest}"),
     }
+}
+
+/// How this agent hears what another one says with a key to a router.
+pub(crate) fn key_from(router: &str, rest: &str) -> String {
+    format!("{ROOT}/by/{router}/{rest}")
 }
 
 /// The router that has led what is said with a key.
@@ -224,8 +220,8 @@ mod tests {
         let there = key(Some("hub"), "links/a/1/b/2");
         let heard = onward(&there).unwrap();
         assert_eq!(heard, "hprm/agents/2/by/hub/links/a/1/b/2");
-        assert_eq!(heard, key_from(Some("hub"), "links/a/1/b/2"));
-        assert_eq!(direct, key_from(None, "links/a/1/b/2"));
+        assert_eq!(heard, key_from("hub", "links/a/1/b/2"));
+        assert_eq!(direct, "hprm/agents/2/links/a/1/b/2");
         assert_eq!((of(&direct), of(&there), of(&heard).as_deref()), (None, None, Some("hub")));
         assert_eq!((onward(&direct), onward(&heard)), (None, None));
     }
