@@ -11,7 +11,7 @@ import socket
 import threading
 from pathlib import Path
 
-from machines import Machines
+from machines import Machines, until
 
 #: How many more files the agent may open.
 LEFT = 12
@@ -45,6 +45,24 @@ def registered(agent: str, number: int) -> socket.socket | None:
         return stream
     stream.close()
     return None
+
+
+def test_the_last_descriptor_is_for_a_connection_that_says_later_what_it_wants(
+    machines: Machines,
+) -> None:
+    machines.start_agent("robot1", "--listen", "127.0.0.1:0")
+    agent = machines.agents["robot1"]
+    used = descriptors(agent.pid)
+    limit = next(number for number in range(len(used) + 1) if number not in used) + 1
+    resource.prlimit(agent.pid, resource.RLIMIT_NOFILE, (limit, limit))
+    stream = socket.socket(socket.AF_UNIX)
+    machines.sockets.append(stream)
+    stream.settimeout(10)
+    stream.connect("\0" + machines.address("robot1"))
+    until(lambda: limit - 1 in descriptors(agent.pid))
+    threading.Event().wait(0.2)
+    stream.sendall(b"hprm-agent-1 listen ./late\n")
+    assert stream.recv(100) == b"done robot1\n"
 
 
 def test_an_agent_without_descriptors_rests_and_accepts_again_later(machines: Machines) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 import contextlib
+import os
 import signal
 import socket
 import subprocess
@@ -12,7 +13,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from machines import Machines, listens_at, until
+from machines import HPRM, Machines, finish, listens_at, until
 from tcp_ports import free_ports
 
 #: Links that much is written to.
@@ -55,6 +56,33 @@ def test_an_agent_ends_soon_while_a_machine_is_silent(machines: Machines) -> Non
         machines.agents["robot2"].send_signal(signal.SIGCONT)
 
 
+def test_an_agent_whose_standard_error_nothing_reads_goes_on(machines: Machines) -> None:
+    three(machines)
+    here, _ = connected(machines, "robot2")
+    mine, far = connected(machines, "robot3")
+    filled(machines.agents["robot1"])
+    # It has something to tell of that link.
+    machines.agents["robot2"].terminate()
+    assert machines.agents["robot2"].wait(10) == 0
+    assert here.recv(1) == b""
+    mine.sendall(b"ping")
+    assert far.recv(4) == b"ping"
+    until(lambda: machines.machines("robot1") == ["robot1", "robot3"])
+    machines.agents["robot1"].terminate()
+    assert machines.agents["robot1"].wait(10) == 0
+
+
+def test_an_agent_that_stands_still_is_named(machines: Machines) -> None:
+    machines.start_agents()
+    machines.agents["robot1"].send_signal(signal.SIGSTOP)
+    code, out, err = finish(machines.spawn("robot1", HPRM, "machines"))
+    text = "error: the agent of this machine does not answer: is it stopped?\n"
+    assert (code, out, err) == (1, "", text)
+    machines.agents["robot1"].send_signal(signal.SIGCONT)
+    # Others may have taken it for gone.
+    machines.wait_for("robot1", ["robot1", "robot2"])
+
+
 def test_starters_that_end_at_once_do_not_count(machines: Machines) -> None:
     keys = machines.folder / "keys"
     keys.touch(0o600)
@@ -62,6 +90,15 @@ def test_starters_that_end_at_once_do_not_count(machines: Machines) -> None:
     for _ in range(70):
         ask(machines, "robot1", "connect robot2/starters").close()
     until(lambda: children(machines.agents["robot2"]) == 0, 20)
+
+
+def filled(process: subprocess.Popen[str]) -> None:
+    """Writes to the standard error of a process until it takes no more."""
+    descriptor = os.open(f"/proc/{process.pid}/fd/2", os.O_WRONLY | os.O_NONBLOCK)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(descriptor, b"\n")
+    os.close(descriptor)
 
 
 def three(machines: Machines) -> None:

@@ -208,7 +208,7 @@ def test_a_trace_names_the_federates_that_it_has_nothing_of(bench: Bench) -> Non
     outcome = finish(process)
     assert (outcome.code, finish(joined).code) == (0, 0), outcome.err
     said = (
-        "warning: the trace trace has nothing of a process of federate mid\n  hint: one that joins"
+        "warning: the trace trace has nothing of a process of federate mid\n  hint: what a machine"
     )
     assert outcome.err.count(said) == 1, outcome.err
     trace, own = bench.folder / "trace", bench.folder / "own"

@@ -2,12 +2,14 @@
 
 mod belonging;
 
+use std::backtrace::{Backtrace, BacktraceStatus};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::os::unix::net::UnixStream;
 use std::panic::resume_unwind;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
 
 use hprm::agent::{Answer, Place, Request};
 use hprm::{Clock, Pipe, SHIPMENTS, ShippingDock, ShippingService, WantedLink, random_bytes};
@@ -25,6 +27,7 @@ use crate::options::Options;
 use crate::others::{Others, Reached};
 use crate::renewal::Daily;
 use crate::starters::{Spawns, Starters};
+use crate::telling::{self, tell};
 use crate::threads;
 use crate::waiting::{Token, Waiting, Watch, Watched, may_block};
 
@@ -104,12 +107,12 @@ fn system(error: io::Error) -> Failure {
 
 /// Has a thread take large values to other machines.
 fn ship(service: ShippingService) -> io::Result<()> {
-    let thread = std::thread::Builder::new().name("shipping".to_owned());
+    let thread = thread::Builder::new().name("shipping".to_owned());
     let ship = move || {
         let Err(error) = service.run();
         // It ends when the agent does.
         if error.kind() != io::ErrorKind::BrokenPipe {
-            eprintln!("warning: this agent ships no large values any more: {error}");
+            tell(&format!("warning: this agent ships no large values any more: {error}"));
         }
     };
     thread.spawn(ship).map(drop)
@@ -121,9 +124,12 @@ fn ship(service: ShippingService) -> io::Result<()> {
 /// at once than by the silence of their links.
 fn end_with_threads(stops: UnixStream) -> Arc<AtomicBool> {
     let failed = Arc::new(AtomicBool::new(false));
-    let (has_failed, usual) = (Arc::clone(&failed), std::panic::take_hook());
+    let has_failed = Arc::clone(&failed);
     std::panic::set_hook(Box::new(move |panic| {
-        usual(panic);
+        let (thread, trace) = (thread::current(), Backtrace::capture());
+        let trace = (trace.status() == BacktraceStatus::Captured).then(|| format!("\n{trace}"));
+        let name = thread.name().unwrap_or("without a name");
+        tell(&format!("thread {name} {panic}{}", trace.unwrap_or_default()));
         has_failed.store(true, Ordering::SeqCst);
         // Without a reader, the loop has ended already.
         let _ = (&stops).write(&[1]);
@@ -572,8 +578,10 @@ impl Agent {
         let Self { local, links, starters, carrier: _carrier, .. } = self;
         links.into_values().for_each(Link::leave_carrier);
         drop((local, starters));
-        eprintln!("error: Zenoh has failed, so the agent of {} ends", self.me.machine);
-        eprintln!("  hint: start it again, and report what it says above to its developers");
+        let text = format!("Zenoh has failed, so the agent of {} ends", self.me.machine);
+        let hint = "start it again, and report what it says above to its developers";
+        Failure::new(text).hint(hint).tell();
+        telling::end();
         std::process::exit(1)
     }
 
@@ -608,7 +616,6 @@ fn epoch() -> Result<u64, String> {
 #[cfg(test)]
 mod tests {
     use std::io::Read;
-    use std::thread;
 
     use super::*;
 

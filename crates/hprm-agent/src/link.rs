@@ -10,7 +10,7 @@ use hprm_federated::relay::{Bytes, End, Input, Output, Relay};
 
 use crate::carrier::{FRAME, Way};
 use crate::near::Near;
-use crate::waiting::may_block;
+use crate::telling::tell;
 
 /// See the module.
 pub(crate) struct Link {
@@ -215,9 +215,7 @@ impl Link {
                 if self.near.take().is_some() && self.is_open {
                     // The other end may say anything.
                     let why = end.to_string();
-                    let text = format!("the link {} has ended: {}", self.what, printable(&why));
-                    // Perhaps nothing reads it, and then it takes no more.
-                    may_block(|| eprintln!("{text}"));
+                    tell(&format!("the link {} has ended: {}", self.what, printable(&why)));
                 }
                 self.unread.clear();
             }

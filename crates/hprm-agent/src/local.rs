@@ -8,13 +8,14 @@ use std::os::fd::AsFd;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
 
-use hprm::agent::{Answer, LINE_LIMIT, Place, Request, Rest, agent_address};
+use hprm::agent::{Answer, LINE_LIMIT, Place, Request, Rest, agent_address, has_come};
 use hprm::{Address, Clock, SHIPMENTS};
 use hprm_core::PhysicalTime;
 use rustix::net::{SendAncillaryBuffer, SendAncillaryMessage, SendFlags, sendmsg, sockopt};
 
 use crate::Failure;
 use crate::starters::Starters;
+use crate::telling::tell;
 use crate::waiting::{Watch, Watched};
 
 /// How many connections may wait for their first line; the oldest makes room for another one.
@@ -66,7 +67,8 @@ impl Local {
             let stream = match self.listener.get().accept() {
                 Ok((stream, _)) => stream,
                 Err(error) => {
-                    if self.rest.begins_in_agent(&error, now) {
+                    if has_come(self.listener.get()) && self.rest.begins_in_agent(&error, now, tell)
+                    {
                         self.make_room(&mut requests);
                     }
                     break;

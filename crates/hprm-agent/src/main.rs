@@ -6,7 +6,7 @@
 //! come to belong together, `membership.rs` how they learn that this has changed, `renewal.rs` how they get certificates that end later, `access.rs` what each
 //! of them may say, `door.rs` how long a session connects,
 //! `lingering.rs` how connections are closed at once, `waiting.rs` what the loop waits for, `threads.rs` on which thread,
-//! `replies.rs` where queries of others are answered.
+//! `replies.rs` where queries of others are answered, `telling.rs` what the user is told.
 
 #![forbid(unsafe_code)]
 
@@ -30,6 +30,7 @@ mod renewal;
 mod replies;
 mod router;
 mod starters;
+mod telling;
 mod threads;
 mod waiting;
 
@@ -58,10 +59,8 @@ impl Failure {
 
     /// Tells the user.
     fn tell(&self) {
-        eprintln!("error: {self}");
-        if let Some(hint) = &self.hint {
-            eprintln!("  hint: {hint}");
-        }
+        let hint = self.hint.iter().map(|hint| format!("\n  hint: {hint}"));
+        telling::tell(&format!("error: {self}{}", hint.collect::<String>()));
     }
 }
 
@@ -71,14 +70,17 @@ fn main() -> ExitCode {
         Some(word) => credentials::run(word),
         None => arguments.check().and_then(|options| {
             threads::share()?;
+            telling::begin();
             agent::run(options)
         }),
     };
-    match done {
+    let code = match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             failure.tell();
             ExitCode::FAILURE
         }
-    }
+    };
+    telling::end();
+    code
 }

@@ -24,6 +24,7 @@ use crate::carrier::asking;
 use crate::credentials::{Certificate, Credentials};
 use crate::renewal::Rounds;
 use crate::replies::Replies;
+use crate::telling::tell;
 use crate::waiting::{Watch, Watched};
 
 /// How often other agents are asked, and how often at most.
@@ -122,14 +123,15 @@ impl Membership {
             Ok(Some(credentials)) => {
                 credentials.check_membership()?;
                 if let Some(date) = credentials.renewed_since(&self.credentials) {
-                    eprintln!("the certificate of {} is renewed until {date}", credentials.name());
+                    let name = credentials.name();
+                    tell(&format!("the certificate of {name} is renewed until {date}"));
                 }
                 Ok(Some(std::mem::replace(&mut self.credentials, credentials)))
             }
             Ok(None) => Err(Failure::new("the credentials of this machine have been removed")),
             Err(failure) => {
                 // Whatever was put there, the old roster holds.
-                eprintln!("error: {failure}");
+                failure.tell();
                 Ok(None)
             }
         }

@@ -22,6 +22,7 @@ use zenoh::query::{QueryTarget, Queryable};
 use crate::carrier::{AgentId, ROOT, asking};
 use crate::credentials::{self, BUNDLE_LIMIT, Certificate, Credentials, Lifetime, Notice};
 use crate::replies::Replies;
+use crate::telling::tell;
 
 /// How often another agent is asked, and how soon after one has come.
 const ASKING: Nanos = 10_000_000_000;
@@ -133,8 +134,8 @@ impl Daily {
         let seconds = credentials::now();
         self.look_at = now.plus(until_next(lifetime.map(|it| it.ends - seconds)));
         match lifetime.and_then(|it| it.notice(seconds)) {
-            Some(Notice::Soon(text, hint)) => eprintln!("warning: {text}\n  hint: {hint}"),
-            Some(Notice::Ended(text, hint)) => eprintln!("error: {text}\n  hint: {hint}"),
+            Some(Notice::Soon(text, hint)) => tell(&format!("warning: {text}\n  hint: {hint}")),
+            Some(Notice::Ended(text, hint)) => tell(&format!("error: {text}\n  hint: {hint}")),
             None => {}
         }
     }

@@ -18,7 +18,7 @@ use std::str::FromStr;
 use std::time::Duration;
 
 pub use self::machines::{About, ClockReading, Limited, Machine};
-pub use self::rest::Rest;
+pub use self::rest::{Rest, has_come};
 use crate::link::{ask_for_machines, connect_through_agent};
 use crate::{Address, printable};
 

@@ -13,6 +13,7 @@ use crate::Failure;
 use crate::credentials::{Credentials, lifetime_of, renew_due};
 use crate::membership::News;
 use crate::options::Options;
+use crate::telling::tell;
 
 impl Agent {
     /// Takes what another agent says of rosters and certificates.
@@ -20,7 +21,7 @@ impl Agent {
         let Some(membership) = &mut self.membership else { return };
         if let Err(failure) = membership.hear(news) {
             // The others refuse who is not on the roster, too, and the old certificate is valid for a while.
-            eprintln!("error: {failure}");
+            failure.tell();
         }
     }
 
@@ -52,7 +53,7 @@ impl Agent {
         }
         let credentials = self.membership.as_ref().map(|it| &it.credentials);
         match credentials.map(renew_due).transpose() {
-            Ok(renewed) => renewed.flatten().iter().for_each(|told| eprintln!("{told}")),
+            Ok(renewed) => renewed.flatten().iter().for_each(|told| tell(&told.to_string())),
             Err(failure) => failure.tell(),
         }
         let own = || lifetime_of(&options.name, options.tls.as_ref()?);

@@ -7,7 +7,7 @@ use std::net::{TcpListener, TcpStream};
 use std::os::fd::AsFd;
 use std::time::{Duration, Instant};
 
-use hprm::agent::Rest;
+use hprm::agent::{Rest, has_come};
 use hprm::{Clock, random_bytes};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
@@ -109,7 +109,8 @@ impl Host {
             let mut stream = match self.listener.accept() {
                 Ok((stream, _)) => stream,
                 Err(error) => {
-                    if self.rest.begins_after(&error, now) && !self.connections.is_empty() {
+                    let begins = has_come(&self.listener) && self.rest.begins_after(&error, now);
+                    if begins && !self.connections.is_empty() {
                         self.connections.remove(0);
                     }
                     break;

@@ -3,9 +3,11 @@
 //! The connection waits meanwhile, and so the listener stays ready: a loop that waited for it would never sleep.
 
 use std::io;
+use std::os::fd::AsFd;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use hprm_core::{Nanos, PhysicalTime};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::link::{descriptor_advice, is_shortage};
 use crate::{Kind, Label, Report, console};
@@ -46,16 +48,29 @@ impl Rest {
     }
 
     /// The same in a loop of the agent, which tells its user the first time.
-    pub fn begins_in_agent(&mut self, error: &io::Error, now: PhysicalTime) -> bool {
+    pub fn begins_in_agent(
+        &mut self,
+        error: &io::Error,
+        now: PhysicalTime,
+        tell: impl FnOnce(&str),
+    ) -> bool {
         let begins = self.begins_after(error, now);
         if begins && !IS_TOLD.swap(true, Ordering::Relaxed) {
             let text = "the agent can open no more files, so new connections wait until others end";
             let report = Report::new(Kind::System, text);
             let hint = descriptor_advice(error).map(str::to_owned);
-            console::show(Label::Warning, &Report { hint, ..report });
+            let report = Report { hint, ..report };
+            tell(&report.text(Label::Warning, console::color(&io::stderr())));
         }
         begins
     }
+}
+
+/// Whether a connection waits to be accepted. Where there is no descriptor for it, the kernel says so also if none does.
+#[must_use]
+pub fn has_come(listener: &impl AsFd) -> bool {
+    let mut waits = [PollFd::new(listener, PollFlags::IN)];
+    poll(&mut waits, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).is_ok_and(|ready| ready > 0)
 }
 
 #[cfg(test)]

@@ -64,11 +64,16 @@ pub(crate) fn accept(registration: &UnixStream) -> io::Result<Option<UnixStream>
 
 /// The machine next on the way to another one.
 pub(crate) fn route(machine: &str, time: Duration) -> io::Result<String> {
-    ask(&Request::Route(machine.to_owned()), within(time)).map(|(_, text)| text)
+    let answer = ask(&Request::Route(machine.to_owned()), within(time));
+    answer.map(|(_, text)| text).map_err(unanswered)
 }
 
 /// What the agent knows of all machines.
 pub(crate) fn ask_for_machines() -> io::Result<Vec<Machine>> {
+    read_machines().map_err(unanswered)
+}
+
+fn read_machines() -> io::Result<Vec<Machine>> {
     let deadline = within(MACHINES);
     let (mut stream, _) = ask(&Request::Machines, deadline)?;
     let (mut text, mut buffer) = (Vec::new(), [0; 4096]);
@@ -127,6 +132,16 @@ fn wait_if_blocked(stream: &UnixStream, error: io::Error, deadline: Deadline) ->
         }
         _ => Err(error),
     }
+}
+
+/// Why an answer does not come that the agent gives without waiting for others for long.
+fn unanswered(error: io::Error) -> io::Error {
+    let text = match error.kind() {
+        io::ErrorKind::TimedOut => "the agent of this machine does not answer: is it stopped?",
+        io::ErrorKind::ConnectionReset => "the agent of this machine has ended meanwhile",
+        _ => return error,
+    };
+    io::Error::new(error.kind(), text)
 }
 
 fn no_agent(address: &Address, error: &io::Error) -> io::Error {

@@ -22,10 +22,10 @@ use super::outgoing::Outgoing;
 use super::records::{Ask, Destination, Told, VERSION};
 use super::routes::Routes;
 use super::socket_name;
-use crate::Clock;
 use crate::agent::{Rest, agent_address};
 use crate::records::{self, RecordListener};
 use crate::wait::{Interest, Interests, wait};
+use crate::{Clock, console};
 
 /// How often the service looks for what does not come, and for memory that is not used.
 const LOOK: Nanos = 1_000_000_000;
@@ -157,7 +157,8 @@ impl ShippingService {
             let socket = match accepted {
                 Ok(socket) => socket,
                 Err(error) => {
-                    self.rest.begins_in_agent(&error, now);
+                    let tell = |text: &str| console::print_error(format!("{text}\n").as_bytes());
+                    self.rest.begins_in_agent(&error, now, tell);
                     continue;
                 }
             };

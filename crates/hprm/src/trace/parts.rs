@@ -164,7 +164,8 @@ impl Parts {
         let path = self.path.display();
         let said = format!("the trace {path} has nothing of {processes} of federate {federate}");
         Report::new(Kind::Trace, said).of(federate).hint(
-            "one that joins on this machine writes for that trace, unless it has a --logical-trace of its own",
+            "what a machine has recorded is lost with it; what you start yourself writes for that trace \
+             if it joins on this machine without a --logical-trace",
         )
     }
 
