@@ -6,7 +6,8 @@
 //! be, the link ends at both sides with a reason. There is never a silent gap.
 //!
 //! - Frames have numbers. Every packet says which have arrived, so any packet may be lost, and what is missing is sent
-//!   again (`outgoing.rs`, `pace.rs`).
+//!   again (`outgoing.rs`, `pace.rs`). Where nothing goes that way, a packet of its own says so: at once of much, and otherwise
+//!   after a moment ([`PUT_OFF`]).
 //! - Every packet says how much more its sender takes, in frames and in bytes ([`WINDOW_FRAMES`], [`WINDOW_BYTES`]), so
 //!   the memory of both ends is bounded, however slow the reader is (`incoming.rs`).
 //! - Each life of an end has an epoch, a random number. An end that meets another epoch than before has lost frames,
@@ -46,6 +47,10 @@ pub const KEEPALIVE: Nanos = 1_000_000_000;
 
 /// An end that may send nothing asks so often whether that has changed: the packet that says so may be lost.
 const CREDIT: Nanos = 200_000_000;
+
+/// For so long an answer may wait for a frame that goes the same way: to tell that a frame has come takes as long as to carry
+/// one, and the process that gets the frame has better use for the processor.
+const PUT_OFF: Nanos = 1_000_000;
 
 /// How long nothing may come before the other end counts as gone: longer than a machine pauses that is suspended for a
 /// moment, or a network that finds another way.
@@ -175,6 +180,8 @@ pub struct Relay {
     /// Whether the next question leaves at once.
     must_ask: bool,
     must_answer: bool,
+    /// When an answer leaves at the latest that waits for a frame to go with.
+    answer_at: PhysicalTime,
     /// Once it has ended: until when it answers, and what it says.
     ended: Option<(PhysicalTime, Reason)>,
     dropped: Dropped,
@@ -197,6 +204,7 @@ impl Relay {
             last_asked: now,
             must_ask: true,
             must_answer: false,
+            answer_at: PhysicalTime::FOREVER,
             ended: None,
             dropped: Dropped::default(),
         }
@@ -241,9 +249,12 @@ impl Relay {
         if let Some((until, _)) = self.ended {
             return until;
         }
-        let resend = self.outgoing.timeout().filter(|_| self.carrier_up);
         let due = self.question_due().min(self.death_due());
-        resend.map_or(due, |resend| due.min(resend))
+        if !self.carrier_up {
+            return due;
+        }
+        let resend = self.outgoing.timeout().unwrap_or(PhysicalTime::FOREVER);
+        due.min(resend).min(self.answer_at)
     }
 
     /// Takes what has happened.
@@ -317,10 +328,11 @@ impl Relay {
             return None;
         }
         let item = self.outgoing.send(self.now);
-        if item.is_none() && !asks && !self.must_answer {
+        let answers = self.must_answer || self.answer_at <= self.now;
+        if item.is_none() && !asks && !answers {
             return None;
         }
-        self.must_answer = false;
+        (self.must_answer, self.answer_at) = (false, PhysicalTime::FOREVER);
         let to = self.peer.unwrap_or_default();
         let mut header = Header::between(self.epoch, to, Body::Nothing);
         header.asks = asks;
@@ -443,13 +455,17 @@ impl Relay {
             Body::Finish { number } => (number, Item::Finish),
             Body::Nothing | Body::Reset(_) => return Ok(()),
         };
-        self.must_answer = true;
-        self.dropped.duplicates += u64::from(!self.incoming.receive(number, item)?);
+        let is_new = self.incoming.receive(number, item)?;
+        self.dropped.duplicates += u64::from(!is_new);
         while let Some(item) = self.incoming.pass() {
             self.outputs.push_back(match item {
                 Item::Frame(bytes) => Output::Frame(bytes),
                 Item::Finish => Output::Finished,
             });
+        }
+        match is_new && !self.incoming.has_much_to_tell() {
+            true => self.answer_at = self.answer_at.min(self.now.plus(PUT_OFF)),
+            false => self.must_answer = true,
         }
         Ok(())
     }

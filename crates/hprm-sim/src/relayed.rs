@@ -141,6 +141,17 @@ impl RelayTrial {
         Self { seed, line, loads: [sends, takes], episodes, rng }
     }
 
+    /// A link of a seed that loses every other packet, on which one end sends many frames at once: there are more gaps than an
+    /// answer has room to tell of.
+    #[must_use]
+    pub fn draw_gaps(seed: u64) -> Self {
+        let mut rng = Rng::new(seed);
+        let frames = (0..200).map(|_| usize::try_from(rng.below(20)).unwrap_or(0)).collect();
+        let sends = Load { frames, writes_every: 1, reads_every: 1, finishes_at: 0 };
+        let takes = Load { frames: Vec::new(), ..sends.clone() };
+        Self { seed, line: Line::leaky(), loads: [sends, takes], episodes: Vec::new(), rng }
+    }
+
     /// Runs the link to its end.
     ///
     /// # Errors

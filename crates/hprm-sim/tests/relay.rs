@@ -35,6 +35,15 @@ fn little_is_sent_again_that_is_only_late() {
 }
 
 #[test]
+fn more_gaps_than_an_answer_can_tell_of_are_filled() {
+    for seed in 0..500 {
+        let trial = RelayTrial::draw_gaps(seed);
+        let verdict = trial.run().unwrap_or_else(|wrong| panic!("seed {seed}: {wrong}\n{trial}"));
+        assert_eq!(verdict.frames, 200, "seed {seed}");
+    }
+}
+
+#[test]
 fn a_seed_of_a_link_does_the_same_each_time() {
     for seed in 0..100 {
         assert_eq!(RelayTrial::draw(seed).run(), RelayTrial::draw(seed).run(), "seed {seed}");

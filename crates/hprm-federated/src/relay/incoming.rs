@@ -6,6 +6,9 @@ use super::outgoing::Item;
 use super::packet::{Header, RUNS};
 use super::{Violation, WINDOW_BYTES, WINDOW_FRAMES};
 
+/// So many items, or so many bytes of them, are much: the other end may wait for the answer, to send more.
+const MUCH: (u64, u64) = (4, 16 << 10);
+
 /// See the module.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(super) struct Incoming {
@@ -24,6 +27,8 @@ pub(super) struct Incoming {
     finish: Option<u64>,
     /// What the other end was told last of what it may send, in bytes and items.
     told: (u64, u64),
+    /// What has come since: items, and their bytes.
+    untold: (u64, u64),
 }
 
 impl Incoming {
@@ -38,6 +43,7 @@ impl Incoming {
             taken_bytes: 0,
             finish: None,
             told: (WINDOW_FRAMES, WINDOW_BYTES),
+            untold: (0, 0),
         }
     }
 
@@ -59,6 +65,7 @@ impl Incoming {
         if is_last {
             self.finish = Some(number);
         }
+        self.untold = (self.untold.0 + 1, self.untold.1 + item.len());
         self.early_bytes += item.len();
         self.early.insert(number, item);
         self.note(number);
@@ -87,6 +94,12 @@ impl Incoming {
             || self.byte_limit() - told_bytes >= WINDOW_BYTES / 4
     }
 
+    /// Whether the other end should be told at once of what has come: much, the end, or something after what is missing.
+    pub(super) fn has_much_to_tell(&self) -> bool {
+        let (items, bytes) = self.untold;
+        items >= MUCH.0 || bytes >= MUCH.1 || self.finish.is_some() || !self.early.is_empty()
+    }
+
     /// Whether the end has been handed on.
     pub(super) fn is_done(&self) -> bool {
         self.finish.is_some_and(|finish| finish < self.next)
@@ -103,6 +116,7 @@ impl Incoming {
         }
         header.next = self.next;
         self.told = (self.frame_limit(), self.byte_limit());
+        self.untold = (0, 0);
         (header.frame_limit, header.byte_limit) = self.told;
     }
 

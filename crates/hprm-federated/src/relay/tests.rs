@@ -161,6 +161,47 @@ fn one_answer_is_enough_for_all_that_has_come() {
 }
 
 #[test]
+fn an_answer_to_little_goes_with_the_next_frame_or_leaves_after_a_moment() {
+    for speaks in [false, true] {
+        let mut pair = Pair::acquainted();
+        pair.give(1, frame(0, &[7]));
+        pair.give(1, Input::Taken(1));
+        assert_eq!((pair.drain(1).len(), pair.ends[1].next_wakeup()), (0, at(1)));
+        if speaks {
+            pair.give(1, Input::Frame(vec![8].into()));
+            assert_eq!(Header::decode(&pair.drain(1)[0]).unwrap().0.next, 1);
+        }
+        pair.now = at(1);
+        pair.give(1, Input::Wake);
+        assert_eq!(pair.drain(1).len(), usize::from(!speaks));
+        assert!(pair.ends[1].next_wakeup() > at(1));
+    }
+    // While the carrier is down, it waits for that alone.
+    let mut pair = Pair::acquainted();
+    pair.give(1, frame(0, &[7]));
+    pair.give(1, Input::CarrierDown);
+    assert!(pair.ends[1].next_wakeup() > at(1));
+    pair.give(1, Input::CarrierUp);
+    assert_eq!(pair.drain(1).len(), 1);
+}
+
+#[test]
+fn an_answer_to_much_and_to_what_is_out_of_order_leaves_at_once() {
+    let long = vec![7; 16 << 10];
+    let few = (0..4).map(|number| frame(number, &[7])).collect();
+    let finish = packet(Body::Finish { number: 0 }, |_| {}, &[]);
+    let asks = packet(Body::Nothing, |header| header.asks = true, &[]);
+    let twice = vec![frame(0, &[7]), frame(0, &[7])];
+    for inputs in
+        [few, vec![frame(0, &long)], vec![frame(1, &[7])], twice, vec![finish], vec![asks]]
+    {
+        let mut pair = Pair::acquainted();
+        inputs.into_iter().for_each(|input| pair.give(1, input));
+        assert_eq!(pair.drain(1).len(), 1);
+    }
+}
+
+#[test]
 fn the_bytes_of_a_frame_are_not_copied() {
     let mut pair = Pair::acquainted();
     let bytes = vec![7; FRAME_LIMIT];

@@ -29,6 +29,11 @@ impl Line {
         Self { jitter: 0, ..Self::good() }
     }
 
+    /// One that loses every other packet.
+    pub(crate) fn leaky() -> Self {
+        Self { loss: 50, ..Self::good() }
+    }
+
     /// Whether it keeps the order of packets, but for a few.
     pub(crate) fn is_orderly(&self) -> bool {
         self.jitter <= 50 && self.duplicates <= 5 && self.loss <= 5
