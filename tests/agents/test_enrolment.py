@@ -461,16 +461,13 @@ def test_a_machine_takes_no_name_and_reads_no_link_of_another(machines: Machines
         # What it asks itself, its own session answers, too.
         foreign = [key for key in asked if not key.endswith(f"/{7:016x}")]
         assert (heard, foreign) == ([], [])
-        # It need not know whom others hear.
-        publishers = {
-            name: spy.declare_publisher(
-                f"{root}/links/{here}/{name}/*", allowed_destination=zenoh.Locality.REMOTE
-            )
-            for name in ("robot2", "robot3")
-        }
+        # It knows that it is heard itself, and need not know whom else others hear.
+        pairs = [f"{root}/links/{here}/{name}/*" for name in ("robot2", "robot3")]
+        remote = zenoh.Locality.REMOTE
+        publishers = [spy.declare_publisher(key, allowed_destination=remote) for key in pairs]
         # Its stub calls this object a bool.
-        statuses: dict[str, Any] = {name: it.matching_status for name, it in publishers.items()}
-        assert [name for name, status in statuses.items() if status.matching] == ["robot3"]
+        statuses: list[Any] = [publisher.matching_status for publisher in publishers]
+        assert [status.matching for status in statuses] == [False, True]
         # What is meant for it, it gets.
         joining = ["--federation-file", "secret", "--rti", "agent:robot3/rti"]
         words = ["federate", "Fed.lf", "source", "--connect-timeout", "1", *joining]

@@ -11,7 +11,7 @@ import socket
 import threading
 from pathlib import Path
 
-from machines import Machines, until
+from machines import Machines, finish, until
 
 #: How many more files the agent may open.
 LEFT = 12
@@ -63,6 +63,8 @@ def test_the_last_descriptor_is_for_a_connection_that_says_later_what_it_wants(
     threading.Event().wait(0.2)
     stream.sendall(b"hprm-agent-1 listen ./late\n")
     assert stream.recv(100) == b"done robot1\n"
+    agent.terminate()
+    assert finish(agent)[::2] == (0, "")
 
 
 def test_an_agent_without_descriptors_rests_and_accepts_again_later(machines: Machines) -> None:

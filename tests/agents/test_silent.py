@@ -60,6 +60,7 @@ def test_an_agent_whose_standard_error_nothing_reads_goes_on(machines: Machines)
     three(machines)
     here, _ = connected(machines, "robot2")
     mine, far = connected(machines, "robot3")
+    far.settimeout(10)
     filled(machines.agents["robot1"])
     # It has something to tell of that link.
     machines.agents["robot2"].terminate()

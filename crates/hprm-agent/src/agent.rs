@@ -155,7 +155,7 @@ impl Agent {
         let (limited, mark) = (starters.limited(), waiting.mark());
         let enrolled = options.credentials.as_ref();
         let carrier = Carrier::open(options, enrolled, me.clone(), limited, mark)?;
-        let (shipping, dock) = ShippingService::open(&options.name).map_err(system)?;
+        let (shipping, dock) = ShippingService::open(&options.name, tell).map_err(system)?;
         let leads_shipments = shipping.leads();
         leads_shipments.store(options.is_router(enrolled), Ordering::Relaxed);
         let agent = Self {
@@ -329,7 +329,6 @@ impl Agent {
             let text = format!("the agent of {here} reaches {from}, and not through {router}");
             return Err(Answer::Absent(text));
         }
-        let way = self.carrier.way(id).map_err(|error| self.refused(&error))?;
         let epoch = epoch().map_err(|error| self.refused(&error))?;
         let watch = self.waiting.watch();
         let token = watch.token();
@@ -339,6 +338,8 @@ impl Agent {
         };
         let here = &self.me.machine;
         let near = near.ok_or_else(|| Answer::Absent(absent(here, name)))?;
+        // Of an agent that asks for what is not there, Zenoh has nothing to remember.
+        let way = self.carrier.way(id).map_err(|error| self.refused(&error))?;
         let what = format!("of {from} to agent:{here}/{name}{}", through(id));
         let mut link = Link::new(epoch, way, what, near);
         link.opened(now);
@@ -374,6 +375,7 @@ impl Agent {
                 link.handle(now, Input::Abort(why));
                 self.links.remove(id);
                 self.tokens.retain(|_, it| it != id);
+                self.hear_only_others();
             }
         }
     }
@@ -386,6 +388,10 @@ impl Agent {
         });
         if agent != self.me {
             self.carrier.reaches(&agent, is_there);
+            if is_there {
+                // Also of links that are not known here any more: it is told so. If that fails, links to it cannot be opened.
+                let _ = self.carrier.hear(&agent);
+            }
             self.others.set(agent, is_there);
             self.hear_only_others();
             if let Some(membership) = self.membership.as_mut().filter(|_| is_there) {

@@ -351,14 +351,15 @@ impl Carrier {
 
     /// The way to the other end of a link, and from there.
     pub(crate) fn way(&mut self, link: &LinkId) -> Result<Way, String> {
-        let named = |key| Named::new(&self.session, key);
+        let session = self.session.clone();
+        let named = |key| Named::new(&session, key);
         let from = match &link.router {
             Some(router) => {
                 let from = format!("links/{}/{}", self.me, link.agent);
                 Some(named(router::key_from(router, &from))?)
             }
             None => {
-                self.hearing.hear(&link.agent).map_err(|error| error.to_string())?;
+                self.hear(&link.agent)?;
                 None
             }
         };
@@ -370,6 +371,11 @@ impl Carrier {
             congestion,
             priority,
         })
+    }
+
+    /// Hears the packets of an agent that reaches this one directly.
+    pub(crate) fn hear(&mut self, agent: &AgentId) -> Result<(), String> {
+        self.hearing.hear(agent).map_err(|error| error.to_string())
     }
 
     /// Hears of packets only those agents further on that reach this one directly.

@@ -39,6 +39,7 @@ use std::process::ExitCode;
 use clap::Parser;
 
 use options::Arguments;
+use telling::Telling;
 
 /// What the user is told, and what to do about it.
 #[derive(Debug, thiserror::Error)]
@@ -66,11 +67,12 @@ impl Failure {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
+    let mut telling = None;
     let done = match &arguments.word {
         Some(word) => credentials::run(word),
         None => arguments.check().and_then(|options| {
             threads::share()?;
-            telling::begin();
+            telling = Some(Telling::begin()?);
             agent::run(options)
         }),
     };
@@ -81,6 +83,6 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     };
-    telling::end();
+    drop(telling);
     code
 }

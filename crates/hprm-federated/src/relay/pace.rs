@@ -5,12 +5,17 @@
 
 use hprm_core::Nanos;
 
+use super::PUT_OFF;
 use super::packet::FRAME_LIMIT;
 
 /// Bounds of the time after which a frame without an answer is sent again. The lower one is longer than an agent that
 /// is not scheduled for a moment; the upper one bounds how late a link notices that the carrier works again.
 const SHORTEST: Nanos = 20_000_000;
 const LONGEST: Nanos = 1_000_000_000;
+
+/// How much longer an answer takes at least, perhaps, than those before: one waits for a frame to go with and the
+/// others did not, and the clock of a loop is coarse.
+const UNEVEN: Nanos = 3 * PUT_OFF;
 
 /// That time before anything is known of the carrier.
 const INITIAL: Nanos = 200_000_000;
@@ -49,7 +54,8 @@ impl Pace {
 
     /// How long a frame may stay without an answer.
     pub(super) fn timeout(&self) -> Nanos {
-        let patience = self.round_trip.map_or(INITIAL, |(mean, spread)| mean + 4 * spread);
+        let patience = |(mean, spread): (Nanos, Nanos)| mean + (4 * spread).max(UNEVEN);
+        let patience = self.round_trip.map_or(INITIAL, patience);
         (patience.clamp(SHORTEST, LONGEST) << self.timeouts.min(6)).min(LONGEST)
     }
 
@@ -104,5 +110,19 @@ impl Pace {
     /// The carrier works again: what was learnt of its silence is void.
     pub(super) fn resumed(&mut self) {
         self.timeouts = 0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_answer_that_waits_for_a_frame_is_not_late() {
+        for round_trip in [1_000_000, 25_000_000, 300_000_000] {
+            let mut pace = Pace::new(1 << 20);
+            (0..100).for_each(|_| pace.measured(round_trip));
+            assert!(pace.timeout() > round_trip + 2 * PUT_OFF, "{round_trip}");
+        }
     }
 }

@@ -22,7 +22,7 @@ use super::outgoing::Outgoing;
 use super::records::{Ask, Destination, Told, VERSION};
 use super::routes::Routes;
 use super::socket_name;
-use crate::agent::{Rest, agent_address};
+use crate::agent::{Rest, agent_address, has_come};
 use crate::records::{self, RecordListener};
 use crate::wait::{Interest, Interests, wait};
 use crate::{Clock, console};
@@ -51,6 +51,8 @@ pub struct ShippingService {
     machine: String,
     listener: RecordListener,
     rest: Rest,
+    /// Tells the user something.
+    tell: fn(&str),
     /// Where the agent is.
     harbor: Harbor,
     depots: BTreeMap<FederationId, Depot>,
@@ -67,14 +69,17 @@ pub struct ShippingService {
 }
 
 impl ShippingService {
-    /// Listens for federates of this machine, which has that name. Returns also where the agent meets the service.
+    /// Listens for federates of this machine, which has that name. Returns also where the agent meets the service, which tells the
+    /// user by `tell` of what people must know.
     ///
     /// # Errors
     ///
     /// If the system does not allow it, or another agent of this user does.
-    pub fn open(machine: &str) -> io::Result<(Self, ShippingDock)> {
+    pub fn open(machine: &str, tell: fn(&str)) -> io::Result<(Self, ShippingDock)> {
         let address = agent_address().map_err(io::Error::other)?;
-        Self::with(machine, RecordListener::bind(&socket_name(&address))?)
+        let listener = RecordListener::bind(&socket_name(&address))?;
+        let (service, dock) = Self::with(machine, listener)?;
+        Ok((Self { tell, ..service }, dock))
     }
 
     fn with(machine: &str, listener: RecordListener) -> io::Result<(Self, ShippingDock)> {
@@ -83,6 +88,7 @@ impl ShippingService {
             machine: machine.to_owned(),
             listener,
             rest: Rest::default(),
+            tell: |text| console::print_error(format!("{text}\n").as_bytes()),
             harbor,
             depots: BTreeMap::new(),
             customers: BTreeMap::new(),
@@ -156,11 +162,11 @@ impl ShippingService {
         {
             let socket = match accepted {
                 Ok(socket) => socket,
-                Err(error) => {
-                    let tell = |text: &str| console::print_error(format!("{text}\n").as_bytes());
-                    self.rest.begins_in_agent(&error, now, tell);
+                Err(error) if has_come(&self.listener) => {
+                    self.rest.begins_in_agent(&error, now, self.tell);
                     continue;
                 }
+                Err(_) => break,
             };
             if self.customers.len() >= CUSTOMERS {
                 continue;
