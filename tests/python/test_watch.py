@@ -294,7 +294,11 @@ federated reactor {
 
 def watch_socket(pid: int) -> str:
     """Where a federate listens for watchers."""
-    inodes = {os.readlink(path) for path in Path(f"/proc/{pid}/fd").iterdir()}
+    inodes = set()
+    for path in Path(f"/proc/{pid}/fd").iterdir():
+        # It may close one meanwhile.
+        with contextlib.suppress(FileNotFoundError):
+            inodes.add(os.readlink(path))
     for line in Path("/proc/net/unix").read_text().splitlines():
         fields = line.split()
         if fields[-1].startswith("@hprm-watch-") and f"socket:[{fields[6]}]" in inodes:
