@@ -53,7 +53,7 @@ impl Agent {
         }
         let credentials = self.membership.as_ref().map(|it| &it.credentials);
         match credentials.map(renew_due).transpose() {
-            Ok(renewed) => renewed.flatten().iter().for_each(|told| tell(&told.to_string())),
+            Ok(renewed) => renewed.flatten().iter().for_each(|told| tell(told)),
             Err(failure) => failure.tell(),
         }
         let own = || lifetime_of(&options.name, options.tls.as_ref()?);

@@ -22,10 +22,10 @@ use super::outgoing::Outgoing;
 use super::records::{Ask, Destination, Told, VERSION};
 use super::routes::Routes;
 use super::socket_name;
+use crate::Clock;
 use crate::agent::{Rest, agent_address, has_come};
 use crate::records::{self, RecordListener};
 use crate::wait::{Interest, Interests, wait};
-use crate::{Clock, console};
 
 /// How often the service looks for what does not come, and for memory that is not used.
 const LOOK: Nanos = 1_000_000_000;
@@ -78,17 +78,20 @@ impl ShippingService {
     pub fn open(machine: &str, tell: fn(&str)) -> io::Result<(Self, ShippingDock)> {
         let address = agent_address().map_err(io::Error::other)?;
         let listener = RecordListener::bind(&socket_name(&address))?;
-        let (service, dock) = Self::with(machine, listener)?;
-        Ok((Self { tell, ..service }, dock))
+        Self::with(machine, listener, tell)
     }
 
-    fn with(machine: &str, listener: RecordListener) -> io::Result<(Self, ShippingDock)> {
+    fn with(
+        machine: &str,
+        listener: RecordListener,
+        tell: fn(&str),
+    ) -> io::Result<(Self, ShippingDock)> {
         let (dock, harbor) = dock()?;
         let service = Self {
             machine: machine.to_owned(),
             listener,
             rest: Rest::default(),
-            tell: |text| console::print_error(format!("{text}\n").as_bytes()),
+            tell,
             harbor,
             depots: BTreeMap::new(),
             customers: BTreeMap::new(),

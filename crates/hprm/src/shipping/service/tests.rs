@@ -15,7 +15,7 @@ const FEDERATION: FederationId = FederationId(7);
 fn service(name: &str) -> (ShippingService, String) {
     let name = format!("hprm-test-service-{name}-{}", std::process::id());
     let listener = RecordListener::bind(&name).unwrap();
-    (ShippingService::with("here", listener).unwrap().0, name)
+    (ShippingService::with("here", listener, |_| {}).unwrap().0, name)
 }
 
 /// A federate of this machine that has joined.
