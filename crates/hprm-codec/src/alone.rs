@@ -93,13 +93,15 @@ fn received<T: Element>(head: &[u8]) -> Option<Array<T>> {
     if !is_usual || name != T::DTYPE.name().as_bytes() {
         return None;
     }
-    let shape: Shape =
-        shape.iter().map(|length| usize::try_from(*length).ok()).collect::<Option<_>>()?;
-    let len = elements_in(&shape)?.checked_mul(size_of::<T>())?;
+    let mut lengths = Shape::new();
+    for length in shape {
+        lengths.push(usize::try_from(length).ok()?);
+    }
+    let len = elements_in(&lengths)?.checked_mul(size_of::<T>())?;
     if len != bytes.len() {
         return None;
     }
-    Array::from_shape_vec(&shape, T::copy(bytes)).ok()
+    Some(Array::of(lengths, T::copy(bytes)))
 }
 
 #[cfg(test)]

@@ -26,10 +26,16 @@ use crate::slot::{IncomingArray, Shape};
 /// assert_eq!(image.iter().copied().max(), Some(6));
 /// # Ok::<_, hprm_codec::ShapeError>(())
 /// ```
-#[derive(Clone)]
 pub struct Array<T: Element> {
     shape: Shape,
     storage: Storage<T>,
+}
+
+impl<T: Element> Clone for Array<T> {
+    // Not derived: that clones the lengths one by one.
+    fn clone(&self) -> Self {
+        Self { shape: Shape::from_slice(&self.shape), storage: self.storage.clone() }
+    }
 }
 
 #[derive(Clone)]
@@ -81,10 +87,12 @@ impl<T: Element> Array<T> {
         if elements_in(shape) != Some(elements.len()) {
             return Err(ShapeError::new::<T>(shape, format!("{} elements", elements.len())));
         }
-        Ok(Self {
-            shape: Shape::from_slice(shape),
-            storage: Storage::Heap(Arc::new(Heap(elements))),
-        })
+        Ok(Self::of(Shape::from_slice(shape), elements))
+    }
+
+    /// The elements in a shape that has as many.
+    pub(crate) fn of(shape: Shape, elements: Vec<T>) -> Self {
+        Self { shape, storage: Storage::Heap(Arc::new(Heap(elements))) }
     }
 
     /// The elements that all bytes of `memory` are, in that shape and in the order of C. They are read in place; only

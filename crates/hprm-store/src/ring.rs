@@ -38,7 +38,7 @@ const LINE: usize = 16;
 /// How many bytes one line of a cache has.
 const LINE_BYTES: usize = 64;
 
-/// How many bytes a reader has the processor fetch before it reads them: those of a small message.
+/// How many bytes a side has the processor fetch before it reads or writes them: those of a small message.
 const FETCHED: u64 = 192;
 
 /// How many bytes are written before the writer looks whether it can begin again at the start of the ring: about a page.
@@ -118,6 +118,14 @@ impl<M: Memory> Ring<M> {
         ((number - origin) % M::CAPACITY as u64) as usize
     }
 
+    /// A word of each line of the cache in which the next `count` bytes lie, or the first of them: those of a small message.
+    fn lines(&self, first: usize, count: u64) -> impl Iterator<Item = &M::Word> {
+        let first = first / LINE_BYTES;
+        let lines = (count.min(FETCHED) as usize).div_ceil(LINE_BYTES) + 1;
+        let words = self.data().iter().skip(first * LINE_BYTES / WORD);
+        words.step_by(LINE_BYTES / WORD).take(lines)
+    }
+
     /// Loads a word of the other side; everything that it did before is visible afterwards.
     fn load(&self, at: usize) -> u64 {
         self.word(at).load(Ordering::Acquire)
@@ -184,6 +192,12 @@ impl RingWriter {
     /// sent by another transport.
     pub fn open(&mut self, position: u64) {
         self.0.ring.store(OPENED, position.wrapping_add(1));
+    }
+
+    /// Has the processor fetch what so many bytes, or the first of them, will be written to: the reader has it in its
+    /// cache, from the last time that it lay there.
+    pub fn fetch(&self, count: usize) {
+        self.0.fetch(count);
     }
 
     /// Writes as many of the bytes as there is room for.
@@ -287,6 +301,11 @@ impl<M: Memory> Writer<M> {
         Ok(count)
     }
 
+    fn fetch(&self, count: usize) {
+        let first = Ring::<M>::position(self.origin, self.written);
+        self.ring.lines(first, count as u64).for_each(Word::fetch_to_store);
+    }
+
     fn has_room_or_waits(&mut self) -> Result<bool, RingError> {
         self.load_read()?;
         if self.room() == 0 {
@@ -364,10 +383,7 @@ impl<M: Memory> Reader<M> {
     fn fetch(&self, count: u64) {
         let begins_again = self.ring.word(ORIGIN).load(Ordering::Relaxed) == self.read;
         let origin = if begins_again { self.read } else { self.origin };
-        let first = Ring::<M>::position(origin, self.read) / LINE_BYTES;
-        let lines = (count.min(FETCHED) as usize).div_ceil(LINE_BYTES) + 1;
-        let words = self.ring.data().iter().skip(first * LINE_BYTES / WORD);
-        words.step_by(LINE_BYTES / WORD).take(lines).for_each(Word::fetch);
+        self.ring.lines(Ring::<M>::position(origin, self.read), count).for_each(Word::fetch);
     }
 
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, RingError> {

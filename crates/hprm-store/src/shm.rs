@@ -37,4 +37,4 @@ pub(crate) use published::{PublishedWords, WordsView};
 pub(crate) use segment::{ReadBorrow, Segment, WriteBorrow};
 pub(crate) use streaming::stream;
 pub(crate) use view::SegmentView;
-pub(crate) use words::{SharedWords, fetch};
+pub(crate) use words::{SharedWords, fetch, fetch_to_store};

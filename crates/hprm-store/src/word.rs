@@ -5,7 +5,7 @@
 
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
-use crate::shm::fetch;
+use crate::shm::{fetch, fetch_to_store};
 
 /// See the module.
 pub(crate) trait Word {
@@ -18,6 +18,9 @@ pub(crate) trait Word {
 
     /// Has the processor fetch the word: it will soon be loaded.
     fn fetch(&self) {}
+
+    /// The same where it will soon be stored: other processors give it up.
+    fn fetch_to_store(&self) {}
 
     /// Orders what this process does before and after, as [`std::sync::atomic::fence`].
     fn fence(order: Ordering);
@@ -42,6 +45,11 @@ impl Word for AtomicU64 {
     #[inline]
     fn fetch(&self) {
         fetch(self);
+    }
+
+    #[inline]
+    fn fetch_to_store(&self) {
+        fetch_to_store(self);
     }
 
     #[inline]

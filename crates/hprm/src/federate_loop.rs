@@ -117,8 +117,7 @@ where
     // Before this thread has a priority that the collector must not have.
     let recording = LoopRecording::start(options.record.as_ref(), &options.program, member)?;
     let recorder = recording.recorder();
-    let properties = &options.program.properties;
-    enter_realtime(properties, Some(options.federate.index()))?;
+    enter_realtime(&options.program.properties, Some(options.federate.index()))?;
     let mut board = showing::board(options);
     let mut federation = Membership::join(options, inbox, network)?;
     board.show(&FederateState::before(Stage::Loading));
@@ -154,6 +153,7 @@ where
         interrupted: false,
         inputs: Vec::new(),
         looked_at: PhysicalTime(0),
+        spent: Vec::new(),
         woken_at: PhysicalTime(0),
         pace: Pace::new(),
         end_process: options.end_process,
@@ -207,6 +207,8 @@ struct FederateLoop<'a, H: Host> {
     inputs: Vec<(LinkSerial, Input)>,
     /// The loop has read, or is about to read, all that had come over the links by this time.
     looked_at: PhysicalTime,
+    /// Small values that were sent, until that has left: to drop them takes time, too.
+    spent: Vec<H::Value>,
     /// When the machine was last told that time passes.
     woken_at: PhysicalTime,
     /// Decides whether outbound messages may wait for those of the next tags.
@@ -439,7 +441,7 @@ where
         }
         if self.should_look(tag) {
             self.looked_at = self.now;
-            if self.federation.links.look(self.inbox).readable {
+            if self.federation.links.look(self.inbox, self.now).readable {
                 // A message for this tag, or for an earlier one, may have come: the loop reads it first.
                 return Ok(true);
             }
@@ -492,7 +494,7 @@ where
                 // The level has become safe only since the loop last looked at the links, because time has
                 // passed. So the loop must first read the messages that came meanwhile.
                 self.looked_at = now;
-                if self.federation.links.look(self.inbox).readable {
+                if self.federation.links.look(self.inbox, now).readable {
                     return Ok(true);
                 }
             }
@@ -518,6 +520,7 @@ where
                 false => self.federation.links.flush_peers(),
             }
         }
+        self.spent.clear();
         self.handle(Input::Completed(tag))?;
         if let Some(maxwait) = self.host.take_maxwait() {
             self.handle(Input::Maxwait(maxwait))?;
@@ -600,6 +603,9 @@ where
             self.recorder.sent((channel, tag), Size::of(&payload, flags));
         }
         self.counts.message(channel, tag, &payload);
+        if payload.parts.is_empty() {
+            self.spent.push(value);
+        }
         self.handle(Input::Send { channel, tag, payload })
     }
 

@@ -175,7 +175,7 @@ impl Poller {
         wakeups: &impl AsFd,
         until: Option<PhysicalTime>,
     ) -> Found {
-        if on.may_be_readable() && self.may_put_off_kernel(on) {
+        if on.may_be_readable() && self.may_put_off_kernel(on, Clock::local()) {
             return Found { readable: true, ..Found::default() };
         }
         if self.spin > 0
@@ -216,18 +216,22 @@ impl Poller {
         None
     }
 
-    /// Looks for what has come by now, without waiting.
-    pub(crate) fn look(&mut self, on: &mut impl PollSet, wakeups: &impl AsFd) -> Found {
-        if self.may_put_off_kernel(on) {
+    /// Looks for what has come by now, without waiting. It is about `now` by the local clock.
+    pub(crate) fn look(
+        &mut self,
+        on: &mut impl PollSet,
+        wakeups: &impl AsFd,
+        now: PhysicalTime,
+    ) -> Found {
+        if self.may_put_off_kernel(on, now) {
             return Found { readable: on.may_be_readable(), ..Found::default() };
         }
         self.sleep(on, wakeups, Some(NOW))
     }
 
     /// Whether all messages come through memory, and the kernel was asked a short time ago for everything else.
-    fn may_put_off_kernel(&self, on: &impl PollSet) -> bool {
-        on.links().all(Link::is_in_memory)
-            && Clock::local().since(self.asked_at) < KERNEL_POLL_INTERVAL
+    fn may_put_off_kernel(&self, on: &impl PollSet, now: PhysicalTime) -> bool {
+        now.since(self.asked_at) < KERNEL_POLL_INTERVAL && on.links().all(Link::is_in_memory)
     }
 
     /// Writes what is to be written within `timeout`; with `all`, as long as some of it leaves.

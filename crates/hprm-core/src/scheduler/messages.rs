@@ -130,7 +130,7 @@ impl<V: Clone> Scheduler<V> {
         let mut now = ReadOnce::Unread(Some(now));
         for root in ports.drain(..) {
             if let Some(value) = self.current.ports[root].take() {
-                self.send_value(root, &value, &mut now);
+                self.send_value(root, value, &mut now);
             }
         }
         // Its memory is used at later tags.
@@ -138,32 +138,36 @@ impl<V: Clone> Scheduler<V> {
     }
 
     /// Sends the value at a root along the delayed connections and channels that start there.
-    fn send_value(&mut self, root: PortId, value: &V, now: &mut ReadOnce<impl Reading>) {
-        let wiring = Arc::clone(&self.wiring);
+    // By numbers: to share the wiring for each value would cost more than to look each connection up.
+    fn send_value(&mut self, root: PortId, value: V, now: &mut ReadOnce<impl Reading>) {
         let marked = self.is_port_marked(root);
-        for connection in &wiring.delayed[root] {
-            if !self.modes.is_active(wiring.modes.of_connection[*connection]) {
+        for at in 0..self.wiring.delayed[root].len() {
+            let connection = self.wiring.delayed[root][at];
+            if !self.modes.is_active(self.wiring.modes.of_connection[connection]) {
                 continue;
             }
-            let Connection { physical, delay, .. } = self.program.connections[*connection];
+            let Connection { physical, delay, .. } = self.program.connections[connection];
             if physical {
-                self.insert_by_clock(*connection, now.read(), value.clone());
-                continue;
-            }
-            let tag = self.assign(*connection, delay.shift(self.tag));
-            self.insert_message(*connection, tag, (value.clone(), None, marked));
-        }
-        let sent = self.current.sent_ports.contains(&root);
-        for channel in &wiring.outgoing[root] {
-            let Channel { connection, delay, physical, .. } = self.program.channels[*channel];
-            if sent && self.program.channels[*channel].is_direct() {
+                self.insert_by_clock(connection, now.read(), value.clone());
                 continue;
             }
             let tag = self.assign(connection, delay.shift(self.tag));
-            if physical || tag <= self.program_end {
-                let value = value.clone();
-                let message = OutboundMessage { channel: *channel, tag, value, physical: marked };
-                self.outbound.push_back(message);
+            self.insert_message(connection, tag, (value.clone(), None, marked));
+        }
+        let sent = self.current.sent_ports.contains(&root);
+        let channels = self.wiring.outgoing[root].len();
+        let mut value = Some(value);
+        for at in 0..channels {
+            let channel = self.wiring.outgoing[root][at];
+            let Channel { connection, delay, physical, .. } = self.program.channels[channel];
+            if sent && self.program.channels[channel].is_direct() {
+                continue;
+            }
+            let tag = self.assign(connection, delay.shift(self.tag));
+            // The last receiver gets the value itself.
+            let value = if at + 1 == channels { value.take() } else { value.clone() };
+            if let Some(value) = value.filter(|_| physical || tag <= self.program_end) {
+                self.outbound.push_back(OutboundMessage { channel, tag, value, physical: marked });
             }
         }
         let sender = self.program.reactors[self.program.ports[root].reactor].federate;
@@ -177,6 +181,9 @@ impl<V: Clone> Scheduler<V> {
         tag: Tag,
         (sender, now): (Option<FederateId>, &mut ReadOnce<impl Reading>),
     ) {
+        if self.wiring.unread[root].is_empty() {
+            return;
+        }
         let wiring = Arc::clone(&self.wiring);
         for connection in &wiring.unread[root] {
             let Connection { to, physical, delay, .. } = self.program.connections[*connection];

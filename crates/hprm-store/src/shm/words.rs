@@ -105,6 +105,21 @@ pub(crate) fn fetch(word: &AtomicU64) {
     let _ = word;
 }
 
+/// Has the processor fetch a word into its cache and away from those of others, if it can be told to.
+#[inline]
+pub(crate) fn fetch_to_store(word: &AtomicU64) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        // SAFETY: the hint changes nothing that a program sees, whatever the address; a processor that does not know it
+        // does nothing.
+        unsafe {
+            std::arch::asm!("prefetchw [{}]", in(reg) word.as_ptr(), options(nostack, preserves_flags, readonly));
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = word;
+}
+
 /// How many bytes `count` words have.
 fn size_of(count: usize) -> (usize, u64) {
     let size = count * std::mem::size_of::<AtomicU64>();

@@ -560,9 +560,9 @@ impl FederateLinks {
         self.note_room(found)
     }
 
-    /// Looks for what has come by now. It does not wait.
-    pub(super) fn look(&mut self, inbox: &impl AsFd) -> Found {
-        let found = self.poller.look(&mut self.polled, inbox);
+    /// Looks for what has come by now. It does not wait; it is about `now`.
+    pub(super) fn look(&mut self, inbox: &impl AsFd, now: PhysicalTime) -> Found {
+        let found = self.poller.look(&mut self.polled, inbox, Clock::local_at(now));
         self.note_room(found)
     }
 

@@ -143,6 +143,13 @@ impl Rings {
         }
     }
 
+    /// So many bytes will soon be sent.
+    pub(super) fn expect(&self, count: usize) {
+        if let Some((writer, _)) = &self.ends {
+            writer.fetch(count);
+        }
+    }
+
     pub(super) fn send(&mut self, socket: &Socket, bytes: &[u8]) -> io::Result<usize> {
         self.send_with(socket, bytes, None)
     }

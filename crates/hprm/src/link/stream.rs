@@ -69,6 +69,13 @@ impl Stream {
         }
     }
 
+    /// So many bytes will soon be sent.
+    pub(super) fn expect(&self, count: usize) {
+        if let Transport::Rings(rings) = &self.transport {
+            rings.expect(count);
+        }
+    }
+
     /// Sends bytes, and a descriptor with the first of them; only for Unix sockets.
     pub(super) fn send_with(&mut self, bytes: &[u8], fd: BorrowedFd<'_>) -> io::Result<usize> {
         match &mut self.transport {

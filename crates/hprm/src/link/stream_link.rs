@@ -176,6 +176,7 @@ impl StreamLink {
     pub(crate) fn queue(&mut self, frame: Frame, descriptor: Option<OwnedFd>) {
         if !self.is_write_closed {
             self.outbound.queue(frame, descriptor);
+            self.stream.expect(self.outbound.writable_len());
         }
     }
 
@@ -363,6 +364,10 @@ impl StreamLink {
     /// The next whole frame that has been read, with the descriptor that came with it.
     pub(crate) fn next_frame(&mut self) -> Result<Option<(Frame, Option<OwnedFd>)>, CodecError> {
         let Inbound { buffer, start, end, missing, decoder, descriptors } = &mut self.inbound;
+        if start == end {
+            *missing = 0;
+            return Ok(None);
+        }
         let frame = loop {
             let (more, frame_len) = match decoder.next(&buffer[*start..*end])? {
                 Decoded::Frame(frame, len) => {

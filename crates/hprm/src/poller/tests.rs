@@ -72,7 +72,7 @@ fn a_frame_ends_a_wait_and_is_read_once() {
         let found = poller.wait(&mut links, &wakeups, None);
         assert_eq!(found, Found { readable: true, ..Found::default() });
         assert_eq!(links.read(), (1, true));
-        assert_eq!(poller.look(&mut links, &wakeups), Found::default());
+        assert_eq!(poller.look(&mut links, &wakeups, Clock::local()), Found::default());
         assert_eq!(links.read(), (0, true));
     }
 }
@@ -88,7 +88,7 @@ fn a_notification_ends_a_wait_until_it_is_cleared() {
             assert_eq!(found, Found { notified: true, ..Found::default() });
         }
         wakeups.clear();
-        assert_eq!(poller.look(&mut links, &wakeups), Found::default());
+        assert_eq!(poller.look(&mut links, &wakeups, Clock::local()), Found::default());
     }
 }
 
@@ -119,11 +119,11 @@ fn an_acceptor_is_ready_until_its_links_are_admitted() {
     let acceptor = LinkAcceptor::new(Vec::new(), Purpose::Messages, keys, 1);
     let mut links = TestLinks { open: Vec::new(), acceptor: Some(PolledAcceptor::new(acceptor)) };
     let (mut poller, wakeups) = (Poller::new(network.notifier(), 0), PipeNotifier::new().unwrap());
-    assert!(poller.look(&mut links, &wakeups).readable);
+    assert!(poller.look(&mut links, &wakeups, Clock::local()).readable);
     let acceptor = links.acceptor.as_mut().unwrap();
     assert!(acceptor.is_ready());
     assert!(acceptor.admit(Clock::local()).unwrap().is_empty());
-    assert!(!poller.look(&mut links, &wakeups).readable);
+    assert!(!poller.look(&mut links, &wakeups, Clock::local()).readable);
 }
 
 #[test]

@@ -143,7 +143,8 @@ impl Transport {
                 Part::Shipped(_) => return None,
             })
         });
-        let parts: Vec<_> = parts.collect();
+        // Small values have none.
+        let parts = if parts.size_hint().1 == Some(0) { Vec::new() } else { parts.collect() };
         let Some(codec) = self.codecs[channel] else {
             return Err(self.unread(channel, "?", &"the port has no type that can be received"));
         };
