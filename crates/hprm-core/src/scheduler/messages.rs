@@ -164,10 +164,11 @@ impl<V: Clone> Scheduler<V> {
                 continue;
             }
             let tag = self.assign(connection, delay.shift(self.tag));
-            // The last receiver gets the value itself.
-            let value = if at + 1 == channels { value.take() } else { value.clone() };
-            if let Some(value) = value.filter(|_| physical || tag <= self.program_end) {
-                self.outbound.push_back(OutboundMessage { channel, tag, value, physical: marked });
+            if physical || tag <= self.program_end {
+                // The last receiver gets the value itself.
+                let value = if at + 1 == channels { value.take() } else { value.clone() };
+                let message = |value| OutboundMessage { channel, tag, value, physical: marked };
+                self.outbound.extend(value.map(message));
             }
         }
         let sender = self.program.reactors[self.program.ports[root].reactor].federate;
