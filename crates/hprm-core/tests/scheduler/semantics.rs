@@ -1,6 +1,7 @@
 //! The rules of the reactor model, each by a small program that runs without waiting.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use crate::common::{START, at, on, run};
 use hprm_core::{
@@ -395,4 +396,29 @@ fn a_federate_sends_and_asks_to_stop_but_does_not_stop_by_itself() {
     assert_eq!(scheduler.next_tag(), Tag::new(1_000, 0));
     scheduler.set_stop(Tag::new(0, 1));
     assert_eq!(scheduler.next_tag(), Tag::new(0, 1));
+}
+
+/// A value that counts how often it is cloned.
+struct Counted(Arc<AtomicU32>);
+
+impl Clone for Counted {
+    fn clone(&self) -> Self {
+        self.0.fetch_add(1, Ordering::Relaxed);
+        Self(Arc::clone(&self.0))
+    }
+}
+
+#[test]
+fn a_value_for_one_receiver_is_not_cloned() {
+    let (program, _) = receiver(false);
+    let clones = Arc::new(AtomicU32::new(0));
+    let mut scheduler = Scheduler::new(program, Scope::Federate(FederateId(0)));
+    scheduler.start(START);
+    scheduler.begin(Tag::START);
+    let (reaction, _) = scheduler.next_reaction(START).unwrap();
+    scheduler.set(PortId(0), Counted(Arc::clone(&clones)));
+    scheduler.finish(reaction);
+    assert!(!scheduler.end(START));
+    assert!(scheduler.poll_outbound().is_some_and(|it| Arc::ptr_eq(&it.value.0, &clones)));
+    assert_eq!(clones.load(Ordering::Relaxed), 0);
 }
