@@ -273,7 +273,7 @@ print(_hprm.run_declared(Declared(Main())), flush=True)
         try:
             until((tmp_path / "ready").exists, "the program runs")
             process.send_signal(signal.SIGINT)
-            # Signals that are pending at once count once. A third one might come after the run, before it is printed.
+            # Signals that are pending at once count once, and a third one might come after the run.
             with pytest.raises(subprocess.TimeoutExpired):
                 process.wait(1)
             process.send_signal(signal.SIGINT)
