@@ -121,8 +121,7 @@ impl<T: Element> Array<T> {
     #[must_use]
     pub fn filled(shape: &[usize], element: T) -> Self {
         let count = elements_in(shape).expect("an array is not larger than all memory");
-        let storage = Storage::Heap(Arc::new(Heap(vec![element; count])));
-        Self { shape: Shape::from_slice(shape), storage }
+        Self::of(Shape::from_slice(shape), vec![element; count])
     }
 
     /// The length of each dimension.

@@ -207,7 +207,7 @@ struct FederateLoop<'a, H: Host> {
     inputs: Vec<(LinkSerial, Input)>,
     /// The loop has read, or is about to read, all that had come over the links by this time.
     looked_at: PhysicalTime,
-    /// Small values that were sent, until that has left: to drop them takes time, too.
+    /// Small values that were sent at this tag: to drop them takes time, for which its messages need not wait.
     spent: Vec<H::Value>,
     /// When the machine was last told that time passes.
     woken_at: PhysicalTime,

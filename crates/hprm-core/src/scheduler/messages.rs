@@ -1,7 +1,5 @@
 //! Messages: along delayed and physical connections, to other federates and from them.
 
-use alloc::sync::Arc;
-
 use super::{OutboundMessage, Scheduler};
 use crate::bound::Admission;
 use crate::queue::QueuedEvent;
@@ -182,23 +180,20 @@ impl<V: Clone> Scheduler<V> {
         tag: Tag,
         (sender, now): (Option<FederateId>, &mut ReadOnce<impl Reading>),
     ) {
-        if self.wiring.unread[root].is_empty() {
-            return;
-        }
-        let wiring = Arc::clone(&self.wiring);
-        for connection in &wiring.unread[root] {
-            let Connection { to, physical, delay, .. } = self.program.connections[*connection];
+        for at in 0..self.wiring.unread[root].len() {
+            let connection = self.wiring.unread[root][at];
+            let Connection { to, physical, delay, .. } = self.program.connections[connection];
             let computed = match physical {
-                true => self.physical_tag(*connection, now.read()).max(tag.succ()),
+                true => self.physical_tag(connection, now.read()).max(tag.succ()),
                 false => delay.shift(tag),
             };
-            let at = self.assign(*connection, computed);
-            if at <= self.timeout {
-                let last = self.unread.entry(sender).or_insert(at);
-                *last = at.max(*last);
+            let arrives = self.assign(connection, computed);
+            if arrives <= self.timeout {
+                let last = self.unread.entry(sender).or_insert(arrives);
+                *last = arrives.max(*last);
                 self.record_unread(physical);
                 // Terminates: a cycle of connections has no reaction, so it never has a value.
-                self.note_unread(wiring.root(to), at, (sender, now));
+                self.note_unread(self.wiring.root(to), arrives, (sender, now));
             }
         }
     }

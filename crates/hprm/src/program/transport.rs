@@ -135,6 +135,8 @@ impl Transport {
         objects: Vec<Object>,
     ) -> Result<Value, Failure> {
         let mut objects = objects.into_iter();
+        // Small values have none.
+        let has_parts = !payload.parts.is_empty();
         let parts = payload.parts.into_iter().filter_map(|part| -> Option<Arc<dyn Memory>> {
             Some(match part {
                 Part::Inline(bytes) => Arc::new(bytes),
@@ -143,8 +145,7 @@ impl Transport {
                 Part::Shipped(_) => return None,
             })
         });
-        // Small values have none.
-        let parts = if parts.size_hint().1 == Some(0) { Vec::new() } else { parts.collect() };
+        let parts: Vec<_> = if has_parts { parts.collect() } else { Vec::new() };
         let Some(codec) = self.codecs[channel] else {
             return Err(self.unread(channel, "?", &"the port has no type that can be received"));
         };
