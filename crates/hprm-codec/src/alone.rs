@@ -8,7 +8,7 @@ use std::any::Any;
 use hprm_core::limits::INLINE_LIMIT;
 
 use crate::array::{Array, elements_in};
-use crate::cursor::{ArrayHeader, Blob, Cursor};
+use crate::cursor::{Blob, Cursor};
 use crate::element::Element;
 use crate::format::{DIRECT, Head, NodeKind, Order, SIMPLE, put_number};
 use crate::memory::Draft;
@@ -17,6 +17,9 @@ use crate::slot::Shape;
 /// The most dimensions that go the short way, and the most bytes that a head has then beside those of the elements.
 const DIMENSIONS: usize = 4;
 const BESIDE: usize = 64;
+
+const ARRAY: u8 = NodeKind::Array as u8;
+const ORDER: u8 = Order::C as u8;
 
 /// Does something for each type of elements. The compiler knows which of them a value has, so none is looked for.
 macro_rules! each_element {
@@ -60,48 +63,36 @@ fn draft<T: Element>(array: &Array<T>) -> Option<Draft> {
     if bytes.len() > INLINE_LIMIT - BESIDE || shape.len() > DIMENSIONS {
         return None;
     }
-    let mut head = Head::new();
-    head.push(DIRECT);
-    head.push(NodeKind::Array as u8);
-    describe::<T>(&mut head, shape);
+    let name = T::DTYPE.name().as_bytes();
+    let mut head = Head::with_room(BESIDE + bytes.len());
+    head.extend_from_slice(&[DIRECT, ARRAY, name.len() as u8 + 1, SIMPLE]);
+    head.extend_from_slice(name);
+    head.extend_from_slice(&[ORDER, shape.len() as u8]);
+    shape.iter().for_each(|length| put_number(&mut head, *length as u64));
     put_number(&mut head, (bytes.len() as u64) << 1);
     head.extend_from_slice(bytes);
     head.check().ok()?;
     Some(Draft { head: head.into_bytes(), parts: Vec::new() })
 }
 
-fn describe<T: Element>(head: &mut Head, shape: &[usize]) {
-    let name = T::DTYPE.name().as_bytes();
-    head.push(name.len() as u8 + 1);
-    head.push(SIMPLE);
-    head.extend_from_slice(name);
-    head.push(Order::C as u8);
-    head.push(shape.len() as u8);
-    shape.iter().for_each(|length| put_number(head, *length as u64));
-}
-
 fn received<T: Element>(head: &[u8]) -> Option<Array<T>> {
-    let [DIRECT, node @ ..] = head else { return None };
-    let mut node = Cursor::new(node);
-    if node.kind() != Ok(NodeKind::Array) {
+    let name = T::DTYPE.name().as_bytes();
+    let [DIRECT, ARRAY, described, SIMPLE, rest @ ..] = head else { return None };
+    let [ORDER, dimensions, rest @ ..] = rest.strip_prefix(name)? else { return None };
+    if usize::from(*described) != name.len() + 1 || usize::from(*dimensions) > DIMENSIONS {
         return None;
     }
-    let ArrayHeader { description, order, shape } = node.array_header().ok()?;
+    let mut node = Cursor::new(rest);
+    let mut shape = Shape::new();
+    for _ in 0..*dimensions {
+        shape.push(usize::try_from(node.number().ok()?).ok()?);
+    }
     let Ok(Blob::Inline(bytes)) = node.blob() else { return None };
-    let [SIMPLE, name @ ..] = description else { return None };
-    let is_usual = order == Order::C && shape.len() <= DIMENSIONS && node.rest().is_empty();
-    if !is_usual || name != T::DTYPE.name().as_bytes() {
+    let len = elements_in(&shape)?.checked_mul(size_of::<T>())?;
+    if len != bytes.len() || !node.rest().is_empty() {
         return None;
     }
-    let mut lengths = Shape::new();
-    for length in shape {
-        lengths.push(usize::try_from(length).ok()?);
-    }
-    let len = elements_in(&lengths)?.checked_mul(size_of::<T>())?;
-    if len != bytes.len() {
-        return None;
-    }
-    Some(Array::of(lengths, T::copy(bytes)))
+    Some(Array::of(shape, T::copy(bytes)))
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! Arrays of any number of dimensions: what Python knows as those of NumPy.
 //!
 //! An array is a shape and elements in the order of C: the last index varies fastest. The elements are in a vector,
-//! or in memory that is shared, where they are read in place. How an array is encoded is decided in `encode` and
+//! or in memory that is shared, where they are read in place. All of that is in one place that clones share, so that an
+//! array is one word wherever it is moved. How an array is encoded is decided in `encode` and
 //! `decode`; what it is for serde is in `array/transfer.rs`.
 
 mod transfer;
@@ -26,31 +27,44 @@ use crate::slot::{IncomingArray, Shape};
 /// assert_eq!(image.iter().copied().max(), Some(6));
 /// # Ok::<_, hprm_codec::ShapeError>(())
 /// ```
-pub struct Array<T: Element> {
+#[derive(Clone)]
+pub struct Array<T: Element>(Arc<Content<T>>);
+
+/// What clones share.
+#[derive(Clone)]
+struct Content<T: Element> {
     shape: Shape,
     storage: Storage<T>,
 }
 
-impl<T: Element> Clone for Array<T> {
-    // Not derived: that clones the lengths one by one.
-    fn clone(&self) -> Self {
-        Self { shape: Shape::from_slice(&self.shape), storage: self.storage.clone() }
-    }
-}
-
 #[derive(Clone)]
 enum Storage<T: Element> {
-    Heap(Arc<Heap<T>>),
+    Heap(Vec<T>),
+    /// Those of an array of another shape, which has them in a vector.
+    Reshaped(Arc<Content<T>>),
     /// Bytes that have been seen to be elements in place.
     Memory(Arc<dyn Memory>),
 }
 
-#[derive(Clone)]
-struct Heap<T: Element>(Vec<T>);
-
-impl<T: Element> Memory for Heap<T> {
+impl<T: Element> Memory for Content<T> {
     fn bytes(&self) -> &[u8] {
-        bytemuck::cast_slice(&self.0)
+        match &self.storage {
+            Storage::Heap(elements) => bytemuck::cast_slice(elements),
+            Storage::Reshaped(other) => other.bytes(),
+            Storage::Memory(memory) => memory.bytes(),
+        }
+    }
+}
+
+impl<T: Element> Content<T> {
+    fn elements(&self) -> &[T] {
+        match &self.storage {
+            Storage::Heap(elements) => elements,
+            Storage::Reshaped(other) => other.elements(),
+            Storage::Memory(memory) => {
+                T::view(memory.bytes()).expect("the memory stays where it is")
+            }
+        }
     }
 }
 
@@ -92,7 +106,11 @@ impl<T: Element> Array<T> {
 
     /// The elements in a shape that has as many.
     pub(crate) fn of(shape: Shape, elements: Vec<T>) -> Self {
-        Self { shape, storage: Storage::Heap(Arc::new(Heap(elements))) }
+        Self::new(shape, Storage::Heap(elements))
+    }
+
+    fn new(shape: Shape, storage: Storage<T>) -> Self {
+        Self(Arc::new(Content { shape, storage }))
     }
 
     /// The elements that all bytes of `memory` are, in that shape and in the order of C. They are read in place; only
@@ -108,9 +126,9 @@ impl<T: Element> Array<T> {
         }
         let storage = match T::view(memory.bytes()) {
             Some(_) => Storage::Memory(memory),
-            None => Storage::Heap(Arc::new(Heap(T::copy(memory.bytes())))),
+            None => Storage::Heap(T::copy(memory.bytes())),
         };
-        Ok(Self { shape: Shape::from_slice(shape), storage })
+        Ok(Self::new(Shape::from_slice(shape), storage))
     }
 
     /// An array of that shape whose elements are all the same.
@@ -127,7 +145,7 @@ impl<T: Element> Array<T> {
     /// The length of each dimension.
     #[must_use]
     pub fn shape(&self) -> &[usize] {
-        &self.shape
+        &self.0.shape
     }
 
     /// The elements, in the order of C.
@@ -137,22 +155,18 @@ impl<T: Element> Array<T> {
     /// If the memory under it has changed its address, which [`Memory`] forbids.
     #[must_use]
     pub fn as_slice(&self) -> &[T] {
-        match &self.storage {
-            Storage::Heap(heap) => &heap.0,
-            Storage::Memory(memory) => {
-                T::view(memory.bytes()).expect("the memory stays where it is")
-            }
-        }
+        self.0.elements()
     }
 
     /// The element at that index, which has a number for each dimension.
     #[must_use]
     pub fn get(&self, index: &[usize]) -> Option<&T> {
-        if index.len() != self.shape.len() {
+        let shape = self.shape();
+        if index.len() != shape.len() {
             return None;
         }
         let mut at = 0;
-        for (index, length) in index.iter().zip(&self.shape) {
+        for (index, length) in index.iter().zip(shape) {
             if index >= length {
                 return None;
             }
@@ -165,21 +179,24 @@ impl<T: Element> Array<T> {
     /// memory.
     #[must_use]
     pub fn to_mut(&mut self) -> &mut [T] {
-        if let Storage::Memory(_) = self.storage {
-            self.storage = Storage::Heap(Arc::new(Heap(self.as_slice().to_vec())));
+        if !matches!(self.0.storage, Storage::Heap(_)) {
+            let shape = self.0.shape.clone();
+            *self = Self::of(shape, std::mem::take(self).into_vec());
         }
-        match &mut self.storage {
-            Storage::Heap(heap) => &mut Arc::make_mut(heap).0,
-            Storage::Memory(_) => unreachable!("the elements have just been copied"),
+        match &mut Arc::make_mut(&mut self.0).storage {
+            Storage::Heap(elements) => elements,
+            _ => unreachable!("the elements are in a vector now"),
         }
     }
 
     /// The elements as a vector. They are copied if something else refers to them, or if they lie in shared memory.
     #[must_use]
     pub fn into_vec(self) -> Vec<T> {
-        match self.storage {
-            Storage::Heap(heap) => Arc::unwrap_or_clone(heap).0,
-            Storage::Memory(_) => self.as_slice().to_vec(),
+        match Arc::try_unwrap(self.0) {
+            Ok(Content { storage: Storage::Heap(elements), .. }) => elements,
+            Ok(Content { storage: Storage::Reshaped(other), .. }) => Self(other).into_vec(),
+            Ok(content) => content.elements().to_vec(),
+            Err(shared) => shared.elements().to_vec(),
         }
     }
 
@@ -192,22 +209,24 @@ impl<T: Element> Array<T> {
         if elements_in(shape) != Some(self.len()) {
             return Err(ShapeError::new::<T>(shape, format!("{} elements", self.len())));
         }
-        Ok(Self { shape: Shape::from_slice(shape), storage: self.storage.clone() })
+        let storage = match &self.0.storage {
+            Storage::Heap(_) => Storage::Reshaped(Arc::clone(&self.0)),
+            other => other.clone(),
+        };
+        Ok(Self::new(Shape::from_slice(shape), storage))
     }
 
     /// The bytes of the elements.
     pub(crate) fn bytes(&self) -> &[u8] {
-        match &self.storage {
-            Storage::Heap(heap) => heap.bytes(),
-            Storage::Memory(memory) => memory.bytes(),
-        }
+        self.0.bytes()
     }
 
     /// The memory of the elements.
     #[must_use]
     pub fn memory(&self) -> Arc<dyn Memory> {
-        match &self.storage {
-            Storage::Heap(heap) => Arc::clone(heap) as Arc<dyn Memory>,
+        match &self.0.storage {
+            Storage::Heap(_) => Arc::clone(&self.0) as Arc<dyn Memory>,
+            Storage::Reshaped(other) => Arc::clone(other) as Arc<dyn Memory>,
             Storage::Memory(memory) => Arc::clone(memory),
         }
     }
@@ -215,13 +234,13 @@ impl<T: Element> Array<T> {
     /// What has arrived; its bytes are `inline` if it has no memory.
     pub(crate) fn received(array: IncomingArray, inline: &[u8]) -> Result<Self, ShapeError> {
         let IncomingArray { shape, fortran, memory, .. } = array;
-        let mut made = match memory {
+        let made = match memory {
             Some(memory) => Self::from_memory(memory, &shape)?,
             None => Self::from_shape_vec(&shape, T::copy(inline))?,
         };
         if fortran {
             let elements = in_order_of_c(made.as_slice(), &shape);
-            made.storage = Storage::Heap(Arc::new(Heap(elements)));
+            return Ok(Self::of(shape, elements));
         }
         Ok(made)
     }
@@ -274,8 +293,7 @@ impl<T: Element> AsRef<[T]> for Array<T> {
 impl<T: Element> From<Vec<T>> for Array<T> {
     /// An array of one dimension.
     fn from(elements: Vec<T>) -> Self {
-        let shape = Shape::from_slice(&[elements.len()]);
-        Self { shape, storage: Storage::Heap(Arc::new(Heap(elements))) }
+        Self::of(Shape::from_slice(&[elements.len()]), elements)
     }
 }
 
@@ -294,7 +312,7 @@ impl<T: Element> Default for Array<T> {
 
 impl<T: Element> PartialEq for Array<T> {
     fn eq(&self, other: &Self) -> bool {
-        self.shape == other.shape && self.as_slice() == other.as_slice()
+        self.shape() == other.shape() && self.as_slice() == other.as_slice()
     }
 }
 

@@ -137,8 +137,14 @@ impl Head {
     /// An empty one, with room for what most values need.
     #[must_use]
     pub fn new() -> Self {
+        Self::with_room(USUAL_HEAD)
+    }
+
+    /// An empty one, with room for so many bytes.
+    #[must_use]
+    pub fn with_room(bytes: usize) -> Self {
         let mut head = Self::default();
-        head.reserve(USUAL_HEAD);
+        head.reserve(bytes);
         head
     }
 

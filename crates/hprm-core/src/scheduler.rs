@@ -236,7 +236,14 @@ impl<V: Clone> Scheduler<V> {
     /// can cause events, which is possible if the program is kept alive.
     #[must_use]
     pub fn next_tag(&self) -> Tag {
-        self.next_event().min(self.stop)
+        self.tag_of(self.next_event())
+    }
+
+    /// [`Self::next_tag`], if that is the [next event](Self::next_event).
+    #[must_use]
+    #[inline]
+    pub fn tag_of(&self, next_event: Tag) -> Tag {
+        next_event.min(self.stop)
     }
 
     /// The same without regard to the last tag of the program, at which there may be nothing but its end.

@@ -242,7 +242,9 @@ impl Decoder {
             // Nothing else comes before the message is complete.
             (_, Some(_)) => return Err(CodecError::Malformed),
             ([CONTROL, body @ ..], None) => control(body)?,
-            ([PLAIN_MESSAGE, body @ ..], None) => (plain::message(body)?, 0),
+            ([PLAIN_MESSAGE, body @ ..], None) => {
+                return plain::message(body).map(|frame| Decoded::Frame(frame, taken));
+            }
             ([MESSAGE, body @ ..], None) => message(body)?,
             ([LONG_MESSAGE, body @ ..], None) => {
                 let (envelope, rest) = envelope(body)?;

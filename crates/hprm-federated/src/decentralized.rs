@@ -422,6 +422,9 @@ impl Decentralized {
         current: Tag,
         next: Step,
     ) -> Option<(Step, Vec<Count>)> {
+        if self.reports == Reports::None {
+            return None;
+        }
         let next = self.certain(now, start, current, next);
         // Within a tag, the other federates of the cycle wait as well.
         let urgent = next.tag == current && next != self.reported;

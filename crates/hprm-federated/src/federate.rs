@@ -528,7 +528,6 @@ impl Federate {
     }
 
     fn peer_frame(&mut self, from: FederateId, frame: Frame) -> Result<(), Fault> {
-        let unexpected = Err(Fault::Unexpected { frame: frame.name() });
         if !self.startup.is_linked(from) {
             return Err(Fault::UnknownLink);
         }
@@ -536,7 +535,7 @@ impl Federate {
             Frame::Message { channel, tag, payload } => {
                 let spec = self.topology.channel(channel, Some(from), Some(self.me))?;
                 if spec.physical {
-                    return unexpected;
+                    return Err(Fault::Unexpected { frame: "Message" });
                 }
                 self.deliver(EarlyMessage { channel, tag, payload });
             }

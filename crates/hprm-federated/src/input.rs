@@ -217,6 +217,23 @@ pub enum Output {
     },
 }
 
+impl Output {
+    /// Whether it may change which event of the scheduler is the next one.
+    #[must_use]
+    #[inline]
+    pub fn is_for_scheduler(&self) -> bool {
+        matches!(
+            self,
+            Self::Start { .. }
+                | Self::Deliver { .. }
+                | Self::DeliverPhysical { .. }
+                | Self::Passed(_)
+                | Self::SetStop(_)
+                | Self::LeaveAt(_)
+        )
+    }
+}
+
 /// Why a federate must end before its last tag.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, thiserror::Error)]
 pub enum End {

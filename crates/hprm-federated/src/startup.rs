@@ -5,7 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, Tag};
+use hprm_core::{ChannelId, FederateId, Payload, PhysicalTime, SortedMap, Tag};
 
 use crate::boards::Reading;
 use crate::{FederationId, Frame, HostId, PROTOCOL, Peer, Posting, Refusal};
@@ -24,9 +24,9 @@ pub(crate) struct Startup {
     federation: FederationId,
     host: HostId,
     /// All federates, once all have joined.
-    peers: Option<BTreeMap<FederateId, Peer>>,
+    peers: Option<SortedMap<FederateId, Peer>>,
     /// The federates whose direct links are up.
-    linked: BTreeSet<FederateId>,
+    linked: SortedMap<FederateId, ()>,
     /// The federates that exchange logical messages with this one, and may have a direct link with it.
     partners: BTreeSet<FederateId>,
     /// Direct links without which this federate does not start.
@@ -58,7 +58,7 @@ impl Startup {
             federation,
             host,
             peers: None,
-            linked: BTreeSet::new(),
+            linked: SortedMap::new(),
             loaded: false,
             ready: false,
             start: None,
@@ -109,11 +109,11 @@ impl Startup {
     }
 
     pub(crate) fn is_linked(&self, peer: FederateId) -> bool {
-        self.linked.contains(&peer)
+        self.linked.contains_key(&peer)
     }
 
     pub(crate) fn linked(&self) -> impl Iterator<Item = FederateId> {
-        self.linked.iter().copied()
+        self.linked.iter().map(|(peer, ())| *peer)
     }
 
     pub(crate) fn shares_memory_with(&self, peer: FederateId) -> bool {
@@ -133,7 +133,7 @@ impl Startup {
 
     /// Takes the list of peers. This federate needs links only to those that have joined.
     pub(crate) fn set_peers(&mut self, peers: Vec<Peer>) {
-        let peers: BTreeMap<_, _> = peers.into_iter().map(|peer| (peer.federate, peer)).collect();
+        let peers: SortedMap<_, _> = peers.into_iter().map(|peer| (peer.federate, peer)).collect();
         self.needed.retain(|federate| peers.contains_key(federate));
         self.peers = Some(peers);
     }
@@ -166,7 +166,7 @@ impl Startup {
     }
 
     pub(crate) fn link(&mut self, peer: FederateId) {
-        self.linked.insert(peer);
+        self.linked.insert(peer, ());
     }
 
     pub(crate) fn unlink(&mut self, peer: FederateId) {
@@ -175,7 +175,7 @@ impl Startup {
 
     /// The federates to which direct links are needed and not up.
     pub(crate) fn missing_links(&self) -> impl Iterator<Item = FederateId> {
-        self.needed.difference(&self.linked).copied()
+        self.needed.iter().copied().filter(|peer| !self.is_linked(*peer))
     }
 
     pub(crate) fn is_loaded(&self) -> bool {
@@ -188,7 +188,7 @@ impl Startup {
 
     /// True once: when everything that the start needs is complete.
     pub(crate) fn becomes_ready(&mut self) -> bool {
-        let linked = self.peers.is_some() && self.needed.is_subset(&self.linked);
+        let linked = self.peers.is_some() && self.needed.iter().all(|peer| self.is_linked(*peer));
         let complete = self.loaded && linked && self.needed_boards.is_empty();
         complete && !std::mem::replace(&mut self.ready, true)
     }

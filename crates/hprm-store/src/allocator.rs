@@ -115,16 +115,17 @@ impl StoreAllocator {
         store
     }
 
-    /// As [`Store::drain_releases`]; it locks the store only if something may have changed there.
+    /// Whether [`Self::drain_releases`] may find any, without a lock.
     #[inline]
-    pub fn drain_releases(&self) -> Vec<ObjectRef> {
-        match self.was_locked.load(Ordering::Acquire) || self.drops.may_have_entries() {
-            true => self.drain_changed(),
-            false => Vec::new(),
-        }
+    pub fn may_have_releases(&self) -> bool {
+        self.was_locked.load(Ordering::Acquire) || self.drops.may_have_entries()
     }
 
-    fn drain_changed(&self) -> Vec<ObjectRef> {
+    /// As [`Store::drain_releases`]; it locks the store only if something may have changed there.
+    pub fn drain_releases(&self) -> Vec<ObjectRef> {
+        if !self.may_have_releases() {
+            return Vec::new();
+        }
         let mut store = self.store();
         let releases = store.drain_releases();
         // Under the lock: a thread that locks the store from here on has the next call look.

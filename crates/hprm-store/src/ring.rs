@@ -118,12 +118,15 @@ impl<M: Memory> Ring<M> {
         ((number - origin) % M::CAPACITY as u64) as usize
     }
 
-    /// A word of each line of the cache in which the next `count` bytes lie, or the first of them: those of a small message.
-    fn lines(&self, first: usize, count: u64) -> impl Iterator<Item = &M::Word> {
+    /// Fetches a word of each line of the cache in which the next `count` bytes lie, or the first of them: those of a small
+    /// message.
+    fn fetch_lines(&self, first: usize, count: u64, fetch: impl Fn(&M::Word)) {
+        let data = self.data();
         let first = first / LINE_BYTES;
         let lines = (count.min(FETCHED) as usize).div_ceil(LINE_BYTES) + 1;
-        let words = self.data().iter().skip(first * LINE_BYTES / WORD);
-        words.step_by(LINE_BYTES / WORD).take(lines)
+        for line in first..first + lines {
+            data.get(line * (LINE_BYTES / WORD)).into_iter().for_each(&fetch);
+        }
     }
 
     /// Loads a word of the other side; everything that it did before is visible afterwards.
@@ -233,11 +236,13 @@ impl RingWriter {
 impl RingReader {
     /// After how many bytes of the other transport the first one comes through this ring, if the writer has
     /// told so by now.
+    #[inline]
     pub fn opened(&self) -> Option<u64> {
         self.0.ring.load(OPENED).checked_sub(1)
     }
 
     /// Whether there is nothing to read. If there is, this side should read it soon.
+    #[inline]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -303,7 +308,7 @@ impl<M: Memory> Writer<M> {
 
     fn fetch(&self, count: usize) {
         let first = Ring::<M>::position(self.origin, self.written);
-        self.ring.lines(first, count as u64).for_each(Word::fetch_to_store);
+        self.ring.fetch_lines(first, count as u64, Word::fetch_to_store);
     }
 
     fn has_room_or_waits(&mut self) -> Result<bool, RingError> {
@@ -369,6 +374,7 @@ impl<M: Memory> Reader<M> {
         Self { ring, read: 0, origin: 0, written: 0, looked: 0 }
     }
 
+    #[inline]
     fn is_empty(&self) -> bool {
         let written = self.ring.load(WRITTEN);
         if written == self.read {
@@ -380,10 +386,12 @@ impl<M: Memory> Reader<M> {
 
     /// Has the processor fetch the next `count` bytes, or the first of them: the other side has them in its cache, and
     /// this one has other things to do before it reads them.
+    // Apart, so that a look at an empty ring is short.
+    #[inline(never)]
     fn fetch(&self, count: u64) {
         let begins_again = self.ring.word(ORIGIN).load(Ordering::Relaxed) == self.read;
         let origin = if begins_again { self.read } else { self.origin };
-        self.ring.lines(Ring::<M>::position(origin, self.read), count).for_each(Word::fetch);
+        self.ring.fetch_lines(Ring::<M>::position(origin, self.read), count, Word::fetch);
     }
 
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, RingError> {

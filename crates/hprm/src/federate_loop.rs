@@ -21,15 +21,14 @@ mod recording;
 mod search;
 mod showing;
 mod time;
+mod waiting;
 mod watchers;
 
-use std::collections::BTreeMap;
 use std::mem;
 use std::sync::Arc;
 
 use hprm_core::{
-    ChannelId, FederateId, Nanos, OutboundMessage, Payload, PhysicalTime, Program, Scheduler,
-    Scope, Tag,
+    ChannelId, FederateId, OutboundMessage, Payload, PhysicalTime, Program, Scheduler, Scope, Tag,
 };
 use hprm_federated::{Carried, End, Frame, Input, Output, Permission};
 
@@ -53,10 +52,7 @@ use objects::Changes;
 use outlive::OutliveWatch;
 use pace::{LINGER, Pace, ThreadUsage};
 use showing::Counts;
-
-/// How long the machine may not know that time passes, in nanoseconds, unless it has asked for a time: as long as several
-/// tags take that follow one another quickly.
-const WAKE_PAUSE: Nanos = 10_000;
+use waiting::Waits;
 
 /// Runs a federate to its end. `load` makes the host; it is called once the federate has joined, so
 /// that all federates load at the same time, and the federate reports any failure from then on to the RTI.
@@ -154,7 +150,7 @@ where
         inputs: Vec::new(),
         looked_at: PhysicalTime(0),
         spent: Vec::new(),
-        woken_at: PhysicalTime(0),
+        waits: Waits::new(),
         pace: Pace::new(),
         end_process: options.end_process,
         outlive: None,
@@ -199,7 +195,7 @@ struct FederateLoop<'a, H: Host> {
     phase: Phase,
     /// Whether the loop has told the machine that this federate has loaded its program.
     has_reported_loaded: bool,
-    /// The next event, if the machine knows it and has got no other input since.
+    /// The next event, if the machine knows it, and since then has got no other input and the scheduler no other events.
     reported: Option<Tag>,
     /// Whether a signal has asked this process to stop.
     interrupted: bool,
@@ -209,8 +205,7 @@ struct FederateLoop<'a, H: Host> {
     looked_at: PhysicalTime,
     /// Small values that were sent at this tag: to drop them takes time, for which its messages need not wait.
     spent: Vec<H::Value>,
-    /// When the machine was last told that time passes.
-    woken_at: PhysicalTime,
+    waits: Waits,
     /// Decides whether outbound messages may wait for those of the next tags.
     pace: Pace,
     /// What ends this process if it outlives the federation; none if the launcher does that.
@@ -241,7 +236,7 @@ where
             self.compare_clocks();
             // The loop reads the clock before the inbox: an action that another thread schedules after that has
             // a later time, so what the machine promises to other federates for this time stays true.
-            let before = mem::replace(&mut self.now, Clock::now());
+            let before = self.read_clock();
             self.note_round();
             match advanced {
                 true => {
@@ -334,17 +329,6 @@ where
         Ok(())
     }
 
-    /// Tells the machine that time passes: when it has asked for that, and otherwise now and then.
-    fn wake_machine(&mut self) -> Result<(), Failure> {
-        let is_due = || self.federation.machine.next_wakeup().is_some_and(|at| at <= self.now);
-        // A clock that is set back before the start is no reason to wait.
-        if (0..WAKE_PAUSE).contains(&self.now.since(self.woken_at)) && !is_due() {
-            return Ok(());
-        }
-        self.woken_at = self.now;
-        self.handle(Input::Wake)
-    }
-
     fn compare_clocks(&mut self) {
         let Membership { time, links, .. } = &mut self.federation;
         time.ask(links);
@@ -378,6 +362,7 @@ where
                 let at = request.at.min(Clock::now());
                 self.scheduler.schedule(request.action, request.extra, request.value, at);
             }
+            self.reported = None;
             let scheduled = self.scheduler.take_scheduled();
             scheduled.for_each(|it| self.recorder.scheduled(it, Flags::OUTSIDE));
         }
@@ -397,28 +382,28 @@ where
         Ok(())
     }
 
-    /// Tells the machine the next event, unless that is what it was told last, and nothing else has happened since.
-    fn report_next_event(&mut self) -> Result<(), Failure> {
-        let next = self.scheduler.next_event();
-        if self.reported != Some(next) {
-            self.handle(Input::NextEvent(next))?;
-            self.reported = Some(next);
+    /// Tells the machine the next event, unless nothing has happened since it was told last. Returns that event.
+    fn report_next_event(&mut self) -> Result<Tag, Failure> {
+        if let Some(reported) = self.reported {
+            return Ok(reported);
         }
-        Ok(())
+        let next = self.scheduler.next_event();
+        self.handle(Input::NextEvent(next))?;
+        Ok(self.reported.unwrap_or_else(|| self.scheduler.next_event()))
     }
 
     /// Tells the owners of objects which of them this federate does not use any more.
     #[inline]
     fn send_releases(&mut self) -> Result<(), Failure> {
-        match self.federation.objects.dropped() {
-            None => Ok(()),
-            Some(dropped) => self.release(dropped),
+        match self.federation.objects.may_have_dropped() {
+            false => Ok(()),
+            true => self.release_dropped(),
         }
     }
 
     #[inline(never)]
-    fn release(&mut self, dropped: BTreeMap<FederateId, Vec<u64>>) -> Result<(), Failure> {
-        for (owner, serials) in dropped {
+    fn release_dropped(&mut self) -> Result<(), Failure> {
+        for (owner, serials) in self.federation.objects.dropped() {
             if owner == shipping::SERVICE {
                 self.federation.links.shipping().into_iter().for_each(|it| it.release(&serials));
                 continue;
@@ -430,16 +415,18 @@ where
 
     /// Runs the next tag, if it may begin. Returns false if the loop has to wait before it tries again.
     fn run_next_tag(&mut self) -> Result<bool, Failure> {
-        self.report_next_event()?;
-        let tag = self.scheduler.next_tag();
+        let next = self.report_next_event()?;
+        let tag = self.scheduler.tag_of(next);
         let due = self.due(tag);
-        if tag == Tag::FOREVER
-            || due > self.now
-            || self.federation.machine.permission(tag, self.now) != Permission::Granted
-        {
+        let may_begin =
+            |at| due <= at && self.federation.machine.permission(tag, at) == Permission::Granted;
+        // If the tag was already safe when the loop last looked at the links, the loop has read all messages for the tag.
+        let was_safe = tag != Tag::FOREVER && may_begin(self.looked_at.min(self.now));
+        if !was_safe && (tag == Tag::FOREVER || !may_begin(self.now)) {
             return Ok(false);
         }
-        if self.should_look(tag) {
+        // It looks again after a while nevertheless, because other requests to this federate must not wait for long.
+        if !was_safe || self.now.since(self.looked_at) > LINGER {
             self.looked_at = self.now;
             if self.federation.links.look(self.inbox, self.now).readable {
                 // A message for this tag, or for an earlier one, may have come: the loop reads it first.
@@ -462,15 +449,6 @@ where
     fn due(&self, tag: Tag) -> PhysicalTime {
         let is_now = self.scheduler.program().properties.fast && tag != Tag::FOREVER;
         (if is_now { Tag::START } else { tag }).due(self.scheduler.start_time())
-    }
-
-    /// Whether the loop must look at the links before it begins a tag. If the tag was already safe when the
-    /// loop last looked at them, the loop has read all messages for the tag. It looks again after a while
-    /// nevertheless, because other requests to this federate must not wait for long.
-    fn should_look(&self, tag: Tag) -> bool {
-        let was_safe = self.due(tag) <= self.looked_at
-            && self.federation.machine.permission(tag, self.looked_at) == Permission::Granted;
-        !was_safe || self.now.since(self.looked_at) > LINGER
     }
 
     fn flush(&mut self) {
@@ -611,8 +589,10 @@ where
 
     /// Gives the machine an input, and carries out its outputs.
     fn handle(&mut self, input: Input) -> Result<(), Failure> {
-        if !matches!(input, Input::Wake) {
-            self.reported = None;
+        match input {
+            Input::Wake => {}
+            Input::NextEvent(next) => self.reported = Some(next),
+            _ => self.reported = None,
         }
         let handled = self.federation.machine.handle(self.now, input);
         while let Some(output) = self.federation.machine.poll() {
@@ -642,6 +622,7 @@ where
 
     fn apply(&mut self, output: Output) -> Result<(), Failure> {
         let Membership { links, objects, machine, .. } = &mut self.federation;
+        self.reported = self.reported.filter(|_| !output.is_for_scheduler());
         match output {
             Output::ToRti(frame) => {
                 self.recorder.frame(Kind::FrameSent, machine.me(), &frame);
@@ -733,55 +714,6 @@ where
         let is_local = machine.shares_memory_with(from) && links.is_same_user(from);
         let opened = objects.open(&payload)?;
         self.host.receive(channel, payload, opened, Clock::now, is_local)
-    }
-
-    /// Waits until a link, another thread or the clock may permit this federate to continue.
-    fn wait(&mut self) {
-        let until = self.wakeup();
-        tracing::trace!(
-            "waits, {:?}, for tag {} until {until:?}; it is {:?}",
-            self.phase,
-            self.scheduler.next_tag(),
-            self.now
-        );
-        self.note_wait(until);
-        let until = self.show_waiting(until);
-        let Membership { links, .. } = &mut self.federation;
-        let inbox = self.inbox;
-        let found = inbox.may_sleep().then(|| self.host.run_unlocked(|| links.wait(inbox, until)));
-        inbox.waited(found.is_some_and(|found| found.notified));
-        // The wait has found what had come before it. This thread may have been preempted since the kernel
-        // looked last, so of what came during the wait, the loop may not know yet.
-        if found.is_some() {
-            self.looked_at = self.now;
-        }
-    }
-
-    fn wakeup(&self) -> Option<PhysicalTime> {
-        let Membership { machine, time, links, .. } = &self.federation;
-        match self.phase {
-            Phase::Joining => {
-                let wakeups = [machine.next_wakeup(), time.next_wakeup(), links.next_wakeup()];
-                return wakeups.into_iter().flatten().min();
-            }
-            Phase::Done => return None,
-            Phase::Processing | Phase::Running => {}
-        }
-        let processing = self.phase == Phase::Processing;
-        let (tag, permission) = if processing {
-            let level = self.scheduler.next_level();
-            (self.scheduler.tag(), machine.level_permission(level, self.now))
-        } else {
-            let tag = self.scheduler.next_tag();
-            (tag, machine.permission(tag, self.now))
-        };
-        let due = self.due(tag);
-        let permitted = match permission {
-            Permission::Granted => Some(due),
-            Permission::WaitUntil(time) => Some(due.max(time)),
-            Permission::Wait => None,
-        };
-        [permitted, machine.next_wakeup(), time.next_wakeup()].into_iter().flatten().min()
     }
 }
 

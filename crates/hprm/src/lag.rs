@@ -29,6 +29,9 @@ const MANY: u32 = 8;
 pub(crate) struct LagWatch {
     /// Whether the overload has been reported.
     is_over: bool,
+    /// Whether the program asks that its time stands still: a connection `after 0` closes a cycle, for example, in which
+    /// each step follows the one before as soon as it can.
+    may_stand: bool,
     /// The logical time at which a program that follows no clock stands, and since when.
     stands: Option<(Nanos, PhysicalTime)>,
     /// The latest tag that was in time.
@@ -76,9 +79,11 @@ pub(crate) struct Overload {
 }
 
 impl LagWatch {
-    /// For so many reactions.
-    pub(crate) fn new(reactions: usize) -> Self {
-        Self { costs: Table::filled(reactions, Cost::default()), ..Self::default() }
+    /// For a program.
+    pub(crate) fn new(program: &Program) -> Self {
+        let costs = Table::filled(program.reactions.len(), Cost::default());
+        let may_stand = program.connections.values().any(|it| it.delay == Delay::Microstep);
+        Self { costs, may_stand, ..Self::default() }
     }
 
     /// Whether to say how long each reaction takes.
@@ -96,7 +101,9 @@ impl LagWatch {
         now: PhysicalTime,
     ) -> Option<Overload> {
         let lag = now.since(due);
-        if lag <= NOTICED {
+        // The first tag of a time that stands still was in time, or is what lags.
+        let stands = || self.may_stand && self.in_time.is_some_and(|it| it.time == tag.time);
+        if lag <= NOTICED || stands() {
             self.in_time = Some(tag);
             if self.behind.is_some() {
                 self.behind = None;
@@ -147,7 +154,8 @@ impl LagWatch {
         }
         self.is_over = true;
         let behind = self.behind.take()?;
-        Some(behind.overload((tag, lag), now, self.in_time, &self.costs))
+        let overload = behind.overload((tag, lag), now, self.in_time, &self.costs);
+        (!self.may_stand || overload.stands.is_none()).then_some(overload)
     }
 
     /// Notes how long a run of a reaction took.
@@ -184,13 +192,6 @@ impl Behind {
 }
 
 impl Overload {
-    /// Whether the program asks for that: a connection `after 0` closes a cycle, for example, in which each step
-    /// follows the one before as soon as it can.
-    pub(crate) fn is_meant(&self, program: &Program) -> bool {
-        let steps = program.connections.values().any(|it| it.delay == Delay::Microstep);
-        self.stands.is_some() && steps
-    }
-
     /// Whether it is the many microsteps that keep the time still.
     fn is_stepwise(&self) -> bool {
         self.stands.is_some_and(|microsteps| microsteps >= MANY)
@@ -278,20 +279,25 @@ mod tests {
     const SLOW: ReactionId = ReactionId(7);
     const QUICK: ReactionId = ReactionId(3);
 
-    /// A reactor with a reaction, and a connection with a delay from its output to its input.
-    fn program(delay: Delay) -> (Program, ReactionId) {
+    /// A reactor with eight reactions, and a connection with a delay from its output to its input.
+    fn program(delay: Delay) -> Program {
         let mut b = ProgramBuilder::new("Main", Properties::default());
         let worker = b.reactor(b.main(), "worker");
         let from = b.port(worker, "out", Direction::Output);
         let to = b.port(worker, "inp", Direction::Input);
         b.connect(from, to, delay);
-        let reaction = b.reaction(worker, ReactionSpec::default());
-        (b.build().unwrap(), reaction)
+        (0..8).for_each(|_| _ = b.reaction(worker, ReactionSpec::default()));
+        b.build().unwrap()
+    }
+
+    /// For such a program, whose time may stand still only if the delay is a microstep.
+    fn watch(delay: Delay) -> LagWatch {
+        LagWatch::new(&program(delay))
     }
 
     /// Runs a timer of 10 ms for so many tags, each of which takes as long as `cost` says.
     fn run(tags: i64, cost: impl Fn(i64) -> Nanos) -> (LagWatch, Vec<Overload>, u64) {
-        let (mut watch, mut told, mut timed) = (LagWatch::new(8), Vec::new(), 0);
+        let (mut watch, mut told, mut timed) = (watch(Delay::Time(MS)), Vec::new(), 0);
         let mut now = PhysicalTime(0);
         for index in 0..tags {
             let due = PhysicalTime(10 * MS * index);
@@ -350,7 +356,7 @@ mod tests {
 
     #[test]
     fn a_lag_must_last() {
-        let mut watch = LagWatch::new(8);
+        let mut watch = watch(Delay::Time(MS));
         let mut begins = |at: Nanos, lag: Nanos| {
             watch.begins(Tag::new(at, 0), PhysicalTime(at), PhysicalTime(at + lag))
         };
@@ -365,7 +371,7 @@ mod tests {
 
     #[test]
     fn a_message_names_the_reaction_its_place_and_its_cost() {
-        let (program, slow) = program(Delay::Microstep);
+        let program = program(Delay::Time(MS));
         let cost = Cost { total: 2_350 * MS, longest: 61 * MS, runs: 39 };
         let mut overload = Overload {
             lag: 1_520 * MS,
@@ -374,17 +380,16 @@ mod tests {
             jump: None,
             elapsed: 2_400 * MS,
             busy: 2_360 * MS,
-            slowest: Some((slow, cost)),
+            slowest: Some((SLOW, cost)),
         };
         let place = |_| Some("Main.lf:12".to_owned());
         assert_eq!(
             overload.message(&program, Scope::Whole, place),
             "the program lags 1.52 s behind its clock, since tag (1100 ms, 2); reaction \
-             Main.worker.1 (Main.lf:12) took longest: it ran 39 times, 2.35 s in all, 61.0 ms at \
+             Main.worker.8 (Main.lf:12) took longest: it ran 39 times, 2.35 s in all, 61.0 ms at \
              most\n  hint: let it run less often, make it quicker, give it a deadline, or move it \
              into a federate of its own"
         );
-        assert!(!overload.is_meant(&program));
         overload.busy = MS;
         overload.jump = Some((12_000 * MS, Tag::START));
         let text = overload.message(&program, Scope::Whole, |_| None);
@@ -394,8 +399,8 @@ mod tests {
     }
 
     /// Runs a program without a clock for `seconds` seconds, of which each has 100 tags; `tag` says which.
-    fn run_at_once(seconds: i64, tag: impl Fn(u32) -> Tag) -> Vec<Overload> {
-        let mut watch = LagWatch::new(8);
+    fn run_at_once(delay: Delay, seconds: i64, tag: impl Fn(u32) -> Tag) -> Vec<Overload> {
+        let mut watch = watch(delay);
         let tags = (0..).zip(0..seconds * 100);
         tags.filter_map(|(number, at)| {
             let told = watch.begins_at_once(tag(number), PhysicalTime(at * 10 * MS));
@@ -407,10 +412,11 @@ mod tests {
 
     #[test]
     fn without_a_clock_to_follow_there_is_no_lag() {
-        assert_eq!(run_at_once(100, |number| Tag::new(number.into(), 0)), []);
+        let delay = Delay::Time(MS);
+        assert_eq!(run_at_once(delay, 100, |number| Tag::new(number.into(), 0)), []);
         // 80 microsteps at each time.
         let tag = |number: u32| Tag::new((number / 80).into(), number % 80);
-        assert_eq!(run_at_once(100, tag), []);
+        assert_eq!(run_at_once(delay, 100, tag), []);
     }
 
     #[test]
@@ -419,20 +425,16 @@ mod tests {
             0..200 => Tag::new(0, number),
             _ => Tag::new(5 * MS, number - 200),
         };
-        let told = run_at_once(20, stands);
+        assert_eq!(run_at_once(Delay::Microstep, 20, stands), []);
+        let told = run_at_once(Delay::Time(MS), 20, stands);
         assert_eq!(told.len(), 1);
         assert_eq!(told[0].since, Tag::new(5 * MS, 127));
         assert!((2_000 * MS..4_000 * MS).contains(&told[0].lag), "{told:?}");
-        let (stepwise, _) = program(Delay::Microstep);
-        let (program, reaction) = program(Delay::Time(MS));
-        assert!(told[0].is_meant(&stepwise) && !told[0].is_meant(&program));
-        let slowest = told[0].slowest.map(|(_, cost)| (reaction, cost));
-        let text =
-            Overload { slowest, ..told[0].clone() }.message(&program, Scope::Whole, |_| None);
+        let text = told[0].message(&program(Delay::Time(MS)), Scope::Whole, |_| None);
         assert!(
             text.starts_with(
                 "the logical time of the program has stood still for 2.56 s, one microstep after the \
-                 other, since tag (5 ms, 127); reaction Main.worker.1 took longest"
+                 other, since tag (5 ms, 127); reaction Main.worker.8 took longest"
             ),
             "{text}"
         );
@@ -440,21 +442,40 @@ mod tests {
     }
 
     #[test]
+    fn a_program_whose_time_may_stand_still_is_timed_only_when_it_goes_on() {
+        let mut watch = watch(Delay::Microstep);
+        // The last tags of each time come 5 s late, and the next time at once; then it does not keep up.
+        for number in 0..1_000 {
+            let now = PhysicalTime(i64::from(number) * 5 * MS);
+            assert_eq!(watch.begins(Tag::new(0, number), PhysicalTime(0), now), None);
+            assert!(!watch.is_timing(), "at microstep {number}");
+        }
+        let mut told = (1..1_000).filter_map(|number| {
+            let (due, now) =
+                (PhysicalTime(number * MS), PhysicalTime(5_000 * MS + number * 5 * MS));
+            watch.begins(Tag::new(due.0, 0), due, now)
+        });
+        let overload = told.next().unwrap();
+        assert_eq!((overload.since, overload.stands), (Tag::new(MS, 0), None));
+        assert_eq!(overload.jump.map(|(_, before)| before), Some(Tag::new(0, 999)));
+        assert_eq!(told.next(), None);
+    }
+
+    #[test]
     fn a_long_reaction_and_the_end_a_microstep_later_are_no_time_that_stands_still() {
-        let mut watch = LagWatch::new(8);
-        let mut begins = |microstep, at| {
-            let told = watch.begins(Tag::new(0, microstep), PhysicalTime(0), PhysicalTime(at * MS));
-            watch.ran(SLOW, 2_500 * MS);
-            told
+        let two_tags = |delay| {
+            let mut watch = watch(delay);
+            [(0, 3_000), (1, 5_500)].map(|(microstep, at)| {
+                let now = PhysicalTime(at * MS);
+                let told = watch.begins(Tag::new(0, microstep), PhysicalTime(0), now);
+                watch.ran(SLOW, 2_500 * MS);
+                told
+            })
         };
-        assert_eq!(begins(0, 3_000), None);
-        let told = begins(1, 5_500).unwrap();
+        assert_eq!(two_tags(Delay::Microstep), [None, None]);
+        let [None, Some(told)] = two_tags(Delay::Time(MS)) else { panic!("nothing is told") };
         assert_eq!((told.lag, told.stands), (5_500 * MS, Some(1)));
-        let (stepwise, _) = program(Delay::Microstep);
-        let (program, reaction) = program(Delay::Time(MS));
-        assert!(told.is_meant(&stepwise) && !told.is_meant(&program));
-        let slowest = told.slowest.map(|(_, cost)| (reaction, cost));
-        let text = Overload { slowest, ..told }.message(&program, Scope::Whole, |_| None);
+        let text = told.message(&program(Delay::Time(MS)), Scope::Whole, |_| None);
         assert!(
             text.starts_with(
                 "the program lags 5.50 s behind its clock, since tag (0, 0); reaction"

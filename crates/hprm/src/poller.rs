@@ -127,6 +127,8 @@ pub(crate) struct Found {
     pub(crate) peer_activity: bool,
     /// There may be something to read or to accept.
     pub(crate) readable: bool,
+    /// What the local clock showed shortly before, if the poller has read it.
+    pub(crate) at: Option<PhysicalTime>,
 }
 
 impl Found {
@@ -202,7 +204,9 @@ impl Poller {
             let quiet = now.since(self.asked_at.max(began)) > SPIN_KERNEL_POLL_INTERVAL;
             let overdue = now.since(self.asked_at) > KERNEL_POLL_INTERVAL;
             let found = match in_memory && !quiet && !overdue {
-                true => Found { readable: looks_find_anything(on), ..Found::default() },
+                true => {
+                    Found { readable: looks_find_anything(on), at: Some(now), ..Found::default() }
+                }
                 false => self.sleep(on, wakeups, Some(NOW)),
             };
             if found.is_anything() {
@@ -318,7 +322,7 @@ impl Poller {
             let too_long = acceptor_wakeup.is_some_and(|at| at <= Clock::now());
             acceptor.is_ready |= too_long || ready.any(Ready::is_ready);
         }
-        Found { notified, peer_activity, readable: on.may_be_readable() }
+        Found { notified, peer_activity, readable: on.may_be_readable(), at: None }
     }
 
     /// Waits for the wakeups, the notifier, watchers, shipments, the links in their order, and the acceptor.

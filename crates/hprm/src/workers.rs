@@ -86,7 +86,7 @@ impl<V: Clone> Workers<V> {
     ) -> Result<Self, Failure> {
         let team = Team::new(program, scope)?;
         let is_plain = team.is_none() && trace.is_none() && !recorder.is_on();
-        let lag = LagWatch::new(program.reactions.len());
+        let lag = LagWatch::new(program);
         let (lanes, backlog_is_reported) = (BoardLanes::default(), false);
         Ok(Self { team, trace, recorder, lanes, is_plain, scope, lag, backlog_is_reported })
     }
@@ -110,7 +110,7 @@ impl<V: Clone> Workers<V> {
             true => self.lag.begins_at_once(tag, Clock::now),
             false => self.lag.begins(tag, due, now),
         };
-        if let Some(overload) = overload.filter(|it| !it.is_meant(scheduler.program())) {
+        if let Some(overload) = overload {
             warn_of_overload(scheduler.program(), self.scope, host, &overload);
         }
         if let Some(connection) = scheduler.connection_with_backlog()

@@ -27,8 +27,9 @@ struct Owned<T> {
 
 impl<T: Element> Serialize for Array<T> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let lent = Lent { shape: &self.shape, data: self.as_slice() };
-        let array = Outgoing { dtype: T::DTYPE, shape: self.shape.clone(), memory: self.memory() };
+        let lent = Lent { shape: self.shape(), data: self.as_slice() };
+        let shape = self.shape().into();
+        let array = Outgoing { dtype: T::DTYPE, shape, memory: self.memory() };
         slot::offer(array, || serializer.serialize_newtype_struct(ARRAY, &lent))
     }
 }

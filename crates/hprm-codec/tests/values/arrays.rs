@@ -211,6 +211,29 @@ fn rows_without_elements_are_no_way_to_ask_for_memory() {
 }
 
 #[test]
+fn an_array_of_another_shape_shares_the_elements_and_copies_them_only_if_it_must() {
+    let array = Array::filled(&[2, 3], 7_u16);
+    let address = array.as_ptr();
+    let mut other = array.reshape(&[6]).unwrap().reshape(&[3, 2]).unwrap();
+    assert_eq!((other.as_ptr(), other.shape()), (address, [3, 2].as_slice()));
+    // The first one has them, too.
+    other.to_mut()[0] = 1;
+    assert_ne!(other.as_ptr(), address);
+    assert_eq!((array[0], other.shape()), (7, [3, 2].as_slice()));
+    let mut last = array.reshape(&[1, 6]).unwrap();
+    drop(array);
+    last.to_mut()[0] = 1;
+    assert_eq!(
+        (last.as_ptr(), last.get(&[0, 0]), last.shape()),
+        (address, Some(&1), [1, 6].as_slice())
+    );
+    let flat = last.reshape(&[6]).unwrap();
+    drop(last);
+    let elements = flat.into_vec();
+    assert_eq!(elements.as_ptr(), address);
+}
+
+#[test]
 fn an_array_changes_as_a_vector_does() {
     let mut array = Array::filled(&[2, 2], 0_u8);
     let kept = array.clone();

@@ -86,9 +86,9 @@ impl LinkSerial {
 #[derive(Default)]
 struct LinkSerials {
     count: u64,
-    outgoing: BTreeMap<FederateId, LinkSerial>,
-    incoming: BTreeMap<FederateId, LinkSerial>,
-    closed: BTreeMap<FederateId, LinkSerial>,
+    outgoing: SortedMap<FederateId, LinkSerial>,
+    incoming: SortedMap<FederateId, LinkSerial>,
+    closed: SortedMap<FederateId, LinkSerial>,
 }
 
 impl LinkSerials {
@@ -542,8 +542,8 @@ impl FederateLinks {
         admit: impl Fn(&Frame) -> Option<(FederateId, Frame)>,
         inputs: &mut Vec<(LinkSerial, Input)>,
     ) -> Result<(), Failure> {
-        if let Some(write_failure) = self.write_failure.take() {
-            return Err(write_failure);
+        if self.write_failure.is_some() {
+            return self.write_failure.take().map_or(Ok(()), Err);
         }
         self.read_rti(inputs)?;
         self.accept_peers(admit, inputs)?;
@@ -582,7 +582,9 @@ impl FederateLinks {
             self.rti_link_lost = false;
             inputs.push((LinkSerial::RTI, Input::Rejoins));
         }
-        let Some(polled) = &mut self.polled.rti else { return Ok(()) };
+        let Some(polled) = self.polled.rti.as_mut().filter(|it| it.may_be_read()) else {
+            return Ok(());
+        };
         let (descriptors, log) = (&mut self.descriptors, &mut self.log);
         let open = polled.read(|frame, descriptor| {
             log.received(Party::Rti, &frame);

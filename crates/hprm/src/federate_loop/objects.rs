@@ -135,17 +135,18 @@ impl Objects {
         }
     }
 
-    /// The objects of other federates that this one does not use any more, by owner; none, if there are none.
+    /// Whether this federate may have stopped to use objects of other ones.
     #[inline]
-    pub(super) fn dropped(&self) -> Option<BTreeMap<FederateId, Vec<u64>>> {
-        let released = self.allocator.drain_releases();
-        if released.is_empty() {
-            return None;
-        }
+    pub(super) fn may_have_dropped(&self) -> bool {
+        self.allocator.may_have_releases()
+    }
+
+    /// The objects of other federates that this one does not use any more, by owner.
+    pub(super) fn dropped(&self) -> BTreeMap<FederateId, Vec<u64>> {
         let mut serials: BTreeMap<_, Vec<u64>> = BTreeMap::new();
-        for object in released {
+        for object in self.allocator.drain_releases() {
             serials.entry(object.owner).or_default().push(object.serial);
         }
-        Some(serials)
+        serials
     }
 }

@@ -75,11 +75,20 @@ impl Rings {
 
     /// Takes the rings that the other end has offered, if this one trusts it: they are the first two
     /// descriptors that have come. Without them, there is only the socket.
+    #[inline]
     pub(super) fn take_offer(
         &mut self,
         socket: &Socket,
         descriptors: &mut VecDeque<OwnedFd>,
     ) -> io::Result<()> {
+        match self.is_decided && !self.owes_notifier {
+            true => Ok(()),
+            false => self.decide(socket, descriptors),
+        }
+    }
+
+    /// The same, as long as something is open.
+    fn decide(&mut self, socket: &Socket, descriptors: &mut VecDeque<OwnedFd>) -> io::Result<()> {
         if !std::mem::replace(&mut self.is_decided, true) && descriptors.len() >= 2 {
             let mut offered = descriptors.drain(..2);
             let (file, remote) = (offered.next(), offered.next());

@@ -52,8 +52,8 @@ impl PolledLink {
         self.is_ready |= is_ready;
     }
 
-    /// Reads what the link holds, up to a limit, if it may hold anything, and gives each frame to `arrive`.
-    /// Returns whether the other end is still open.
+    /// Reads what the link holds, up to a limit, and gives each frame to `arrive`: to be called if it
+    /// [may hold anything](Self::may_be_read). Returns whether the other end is still open.
     ///
     /// # Errors
     ///
@@ -62,9 +62,6 @@ impl PolledLink {
         &mut self,
         mut arrive: impl FnMut(Frame, Option<OwnedFd>),
     ) -> Result<bool, Broken> {
-        if !self.may_be_read() {
-            return Ok(true);
-        }
         self.is_ready = false;
         for _ in 0..READS {
             let arrival = self.link.read();

@@ -120,11 +120,11 @@ impl Transport {
             Some(Err(error)) => return Err(self.unsent(channel, &error)),
             None => return Err(self.unsent(channel, &"the port has no type that can be sent")),
         };
-        let mut parts = Vec::with_capacity(draft.parts.len());
+        let mut payload = Payload { head: draft.head, ..Payload::default() };
         for source in draft.parts {
-            parts.push(self.place(store, source)?);
+            payload.parts.push(self.place(store, source)?);
         }
-        Ok(Payload { head: draft.head, parts, ..Payload::default() })
+        Ok(payload)
     }
 
     /// Makes a value of what has arrived.

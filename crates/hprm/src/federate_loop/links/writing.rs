@@ -38,11 +38,13 @@ impl FederateLinks {
             return;
         }
         let others = mem::take(&mut self.peers_may_have_outbound);
-        for peer in self.unsent.drain(..) {
-            if let Some(polled) = self.polled.to_mut(peer) {
-                self.peers_may_have_outbound |= flush(&mut polled.link, &mut self.write_failure);
+        let Self { unsent, polled, write_failure, peers_may_have_outbound, .. } = self;
+        for peer in &*unsent {
+            if let Some(polled) = polled.to_mut(*peer) {
+                *peers_may_have_outbound |= flush(&mut polled.link, write_failure);
             }
         }
+        unsent.clear();
         if !others {
             return;
         }
