@@ -219,6 +219,7 @@ impl Link {
     }
 
     /// Whether something has been received that the kernel does not report any more.
+    #[inline]
     pub(crate) fn has_unread(&self) -> bool {
         match self {
             Self::Stream(link) => link.has_unread(),

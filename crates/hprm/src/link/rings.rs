@@ -129,6 +129,7 @@ impl Rings {
     }
 
     /// Whether something can be read from the ring.
+    #[inline]
     pub(super) fn have_unread(&self) -> bool {
         self.is_reading() && self.ends.as_ref().is_some_and(|(_, reader)| !reader.is_empty())
     }
@@ -290,6 +291,7 @@ impl Rings {
     }
 
     /// Whether this end now reads from the ring.
+    #[inline]
     fn is_reading(&self) -> bool {
         self.ends.as_ref().is_some_and(|(_, reader)| reader.opened() == Some(self.received))
     }

@@ -146,6 +146,7 @@ impl Stream {
         matches!(&self.transport, Transport::Encrypted(channel) if channel.has_outbound())
     }
 
+    #[inline]
     pub(super) fn has_unread(&self) -> bool {
         match &self.transport {
             Transport::Plain => false,

@@ -234,6 +234,7 @@ impl StreamLink {
     }
 
     /// Whether bytes wait that the socket does not report as readable: in a ring buffer, or decrypted.
+    #[inline]
     pub(crate) fn has_unread(&self) -> bool {
         self.stream.has_unread()
     }

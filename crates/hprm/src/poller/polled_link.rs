@@ -37,6 +37,7 @@ impl PolledLink {
     }
 
     /// Whether there may be something to read.
+    #[inline]
     pub(crate) fn may_be_read(&self) -> bool {
         self.is_ready || self.link.has_unread()
     }
