@@ -250,7 +250,9 @@ where
             self.read_links()?;
             self.read_boards_if_needed()?;
             self.federation.serve_watchers();
-            self.report_loaded()?;
+            if !self.has_reported_loaded {
+                self.report_loaded()?;
+            }
             self.send_releases()?;
             self.wake_machine()?;
             advanced = match self.phase {
@@ -336,8 +338,9 @@ where
 
     /// Tells the machine once that this federate has loaded its program. That must wait until the clock is
     /// synchronized, because the machine then sends the clock's time to the RTI.
+    #[inline(never)]
     fn report_loaded(&mut self) -> Result<(), Failure> {
-        if self.has_reported_loaded || !self.federation.time.is_settled() {
+        if !self.federation.time.is_settled() {
             return Ok(());
         }
         self.has_reported_loaded = true;
@@ -347,30 +350,16 @@ where
     fn read_inbox(&mut self) -> Result<(), Failure> {
         let mut stop = self.inbox.take_stop()?;
         if self.host.interrupted() {
-            // An orderly stop waits for the other federates. After a second signal this federate ends without
-            // them.
-            if self.interrupted || self.phase == Phase::Joining {
-                return Err(self.interruption());
-            }
-            self.interrupted = true;
+            self.interrupt()?;
             stop = true;
         }
         let is_running = matches!(self.phase, Phase::Running | Phase::Processing);
         if is_running && self.inbox.has_requests() {
-            for request in self.inbox.take_requests() {
-                // The clock may have been set back after the other thread had read it.
-                let at = request.at.min(Clock::now());
-                self.scheduler.schedule(request.action, request.extra, request.value, at);
-            }
-            self.reported = None;
-            let scheduled = self.scheduler.take_scheduled();
-            scheduled.for_each(|it| self.recorder.scheduled(it, Flags::OUTSIDE));
+            self.schedule_requests();
         }
         if self.phase == Phase::Running {
             if self.host.take_departure() {
-                let me = self.federation.me();
-                self.scheduler.mark_departure(Some(me));
-                self.handle(Input::RequestDeparture)?;
+                self.request_departure()?;
             }
             // The machine must know the next event before it gets any other input: only then does it promise
             // nothing beyond that event.
@@ -380,6 +369,37 @@ where
             self.handle(Input::RequestStop)?;
         }
         Ok(())
+    }
+
+    /// A signal has asked this federate to end.
+    #[cold]
+    fn interrupt(&mut self) -> Result<(), Failure> {
+        // An orderly stop waits for the other federates. After a second signal this federate ends without them.
+        if self.interrupted || self.phase == Phase::Joining {
+            return Err(self.interruption());
+        }
+        self.interrupted = true;
+        Ok(())
+    }
+
+    /// Schedules what other threads have asked for.
+    #[inline(never)]
+    fn schedule_requests(&mut self) {
+        for request in self.inbox.take_requests() {
+            // The clock may have been set back after the other thread had read it.
+            let at = request.at.min(Clock::now());
+            self.scheduler.schedule(request.action, request.extra, request.value, at);
+        }
+        self.reported = None;
+        let scheduled = self.scheduler.take_scheduled();
+        scheduled.for_each(|it| self.recorder.scheduled(it, Flags::OUTSIDE));
+    }
+
+    #[cold]
+    fn request_departure(&mut self) -> Result<(), Failure> {
+        let me = self.federation.me();
+        self.scheduler.mark_departure(Some(me));
+        self.handle(Input::RequestDeparture)
     }
 
     /// Tells the machine the next event, unless nothing has happened since it was told last. Returns that event.
@@ -459,28 +479,10 @@ where
     /// Runs the rest of the current tag as far as the machine permits. Returns false if the loop has to wait
     /// before it tries again.
     fn continue_tag(&mut self) -> Result<bool, Failure> {
-        while self.federation.machine.is_stepwise() {
-            let level = self.scheduler.next_level();
-            self.handle(Input::Reached(level))?;
-            let now = Clock::now();
-            if self.federation.machine.level_permission(level, now) != Permission::Granted {
-                return Ok(false);
-            }
-            if self.federation.machine.level_permission(level, self.looked_at)
-                != Permission::Granted
-            {
-                // The level has become safe only since the loop last looked at the links, because time has
-                // passed. So the loop must first read the messages that came meanwhile.
-                self.looked_at = now;
-                if self.federation.links.look(self.inbox, now).readable {
-                    return Ok(true);
-                }
-            }
-            let Some(level) = level else { break };
-            self.board.begins(self.scheduler.tag(), now);
-            self.workers.run_level(&mut self.scheduler, &mut self.host, level)?;
-            self.scheduler.pass(level);
-            self.send_all()?;
+        if self.federation.machine.is_stepwise()
+            && let Some(advanced) = self.run_levels()?
+        {
+            return Ok(advanced);
         }
         let tag = self.scheduler.tag();
         self.workers.run_tag(&mut self.scheduler, &mut self.host)?;
@@ -521,6 +523,35 @@ where
             self.flush();
         }
         Ok(true)
+    }
+
+    /// Runs the current tag level by level, as far as the machine permits. Returns what [`Self::continue_tag`] does, unless no
+    /// level is left.
+    #[inline(never)]
+    fn run_levels(&mut self) -> Result<Option<bool>, Failure> {
+        loop {
+            let level = self.scheduler.next_level();
+            self.handle(Input::Reached(level))?;
+            let now = Clock::now();
+            if self.federation.machine.level_permission(level, now) != Permission::Granted {
+                return Ok(Some(false));
+            }
+            if self.federation.machine.level_permission(level, self.looked_at)
+                != Permission::Granted
+            {
+                // The level has become safe only since the loop last looked at the links, because time has
+                // passed. So the loop must first read the messages that came meanwhile.
+                self.looked_at = now;
+                if self.federation.links.look(self.inbox, now).readable {
+                    return Ok(Some(true));
+                }
+            }
+            let Some(level) = level else { return Ok(None) };
+            self.board.begins(self.scheduler.tag(), now);
+            self.workers.run_level(&mut self.scheduler, &mut self.host, level)?;
+            self.scheduler.pass(level);
+            self.send_all()?;
+        }
     }
 
     fn send_all(&mut self) -> Result<(), Failure> {

@@ -371,10 +371,8 @@ impl FederateLinks {
     }
 
     /// Opens links again whose last attempt has failed a while ago.
+    #[inline(never)]
     fn open_links(&mut self, inputs: &mut Vec<(LinkSerial, Input)>) {
-        if self.openings.is_empty() {
-            return;
-        }
         for peer in self.openings.take_due(Clock::local()) {
             if let Some(reason) = self.open_link(peer) {
                 inputs.push((self.serials.outgoing(peer), Input::Unreachable { peer, reason }));
@@ -383,10 +381,8 @@ impl FederateLinks {
     }
 
     /// Tells the user of links that do not open. After the links were read: one that has opened by now is not told.
+    #[inline(never)]
     fn tell_of_links(&mut self) {
-        if self.openings.is_empty() {
-            return;
-        }
         for text in self.openings.take_notices(Clock::local()) {
             self.notice.iter().for_each(|notice| notice(&text));
         }
@@ -546,7 +542,12 @@ impl FederateLinks {
             return self.write_failure.take().map_or(Ok(()), Err);
         }
         self.read_rti(inputs)?;
-        self.accept_peers(admit, inputs)?;
+        if self.polled.acceptor.as_ref().is_some_and(PolledAcceptor::is_ready) {
+            self.accept_peers(admit, inputs)?;
+        }
+        if self.openings.is_empty() {
+            return self.read_peers(inputs);
+        }
         self.open_links(inputs);
         self.read_peers(inputs)?;
         self.tell_of_links();
@@ -600,15 +601,13 @@ impl FederateLinks {
 
     /// Accepts links of peers. The first frame of a link says which peer opened it; a link whose first frame
     /// does not say so gets no answer.
+    #[inline(never)]
     fn accept_peers(
         &mut self,
         admit: impl Fn(&Frame) -> Option<(FederateId, Frame)>,
         inputs: &mut Vec<(LinkSerial, Input)>,
     ) -> Result<(), Failure> {
-        let Some(acceptor) = self.polled.acceptor.as_mut().filter(|acceptor| acceptor.is_ready())
-        else {
-            return Ok(());
-        };
+        let Some(acceptor) = self.polled.acceptor.as_mut() else { return Ok(()) };
         let admitted = acceptor
             .admit(Clock::local())
             .map_err(|error| Failure::system("cannot accept a connection of a peer", &error))?;

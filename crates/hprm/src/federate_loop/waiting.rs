@@ -53,6 +53,7 @@ where
     }
 
     /// Waits until a link, another thread or the clock may permit this federate to continue.
+    #[inline(never)]
     pub(super) fn wait(&mut self) {
         let until = self.wakeup();
         tracing::trace!(
