@@ -178,8 +178,11 @@ impl Poller {
         wakeups: &impl AsFd,
         until: Option<PhysicalTime>,
     ) -> Found {
-        if on.may_be_readable() && self.may_put_off_kernel(on, Clock::local()) {
-            return Found { readable: true, ..Found::default() };
+        if on.may_be_readable() {
+            let now = Clock::local();
+            if self.may_put_off_kernel(on, now) {
+                return Found { readable: true, at: Some(now), ..Found::default() };
+            }
         }
         if self.spin > 0
             && let Some(found) = self.busy_poll(on, wakeups, until)
@@ -215,7 +218,7 @@ impl Poller {
             }
             now = Clock::local();
             if until.is_some_and(|until| until <= now) {
-                return Some(found);
+                return Some(Found { at: Some(now), ..found });
             }
         }
         None
