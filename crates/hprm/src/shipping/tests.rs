@@ -263,7 +263,8 @@ proptest! {
     fn shipments_come_once_and_whole(
         lens in prop::collection::vec(1..600_000_usize, 1..6),
         compress in any::<bool>(),
-        breaks in prop::collection::vec(0..12_usize, 0..5),
+        // After one more without a receipt, a shipment would count as lost.
+        breaks in prop::collection::vec(0..12_usize, 0..4),
     ) {
         let delivered = send_all(&lens, compress, &breaks);
         prop_assert_eq!(delivered.len(), lens.len());
