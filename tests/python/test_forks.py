@@ -87,10 +87,12 @@ def test_a_forked_process_keeps_the_array_that_it_has(
 TABLE = """\
 target Python {{ coordination: decentralized }}
 preamble {{=
-import ctypes, multiprocessing, os, subprocess, threading, traceback
+import ctypes, multiprocessing, os, subprocess, sys, threading, traceback
 import numpy as np
 N = 100_000
-LIBC = ctypes.CDLL(None)
+# A process that C forks hangs if the GIL is not its thread's, or if another thread, which it does not have, asks for it.
+LIBC = ctypes.PyDLL(None)
+sys.setswitchinterval(100)
 
 def made():
     "Arrays in the memory of the store, if this process has one; each is for another operation."
