@@ -90,7 +90,8 @@ preamble {{=
 import ctypes, multiprocessing, os, subprocess, sys, threading, traceback
 import numpy as np
 N = 100_000
-# A process that C forks hangs if the GIL is not its thread's, or if another thread, which it does not have, asks for it.
+# A process that C forks hangs if the GIL is not its thread's, or if another thread asks for it,
+# which that process does not have.
 LIBC = ctypes.PyDLL(None)
 sys.setswitchinterval(100)
 
