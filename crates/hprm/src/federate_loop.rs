@@ -438,11 +438,13 @@ where
         let next = self.report_next_event()?;
         let tag = self.scheduler.tag_of(next);
         let due = self.due(tag);
-        let may_begin =
-            |at| due <= at && self.federation.machine.permission(tag, at) == Permission::Granted;
+        let may_begin = |at| {
+            let is_due = tag != Tag::FOREVER && due <= at;
+            is_due && self.federation.machine.permission(tag, at) == Permission::Granted
+        };
         // If the tag was already safe when the loop last looked at the links, the loop has read all messages for the tag.
-        let was_safe = tag != Tag::FOREVER && may_begin(self.looked_at.min(self.now));
-        if !was_safe && (tag == Tag::FOREVER || !may_begin(self.now)) {
+        let was_safe = may_begin(self.looked_at.min(self.now));
+        if !was_safe && !may_begin(self.now) {
             return Ok(false);
         }
         // It looks again after a while nevertheless, because other requests to this federate must not wait for long.

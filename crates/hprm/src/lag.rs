@@ -444,7 +444,7 @@ mod tests {
     #[test]
     fn a_program_whose_time_may_stand_still_is_timed_only_when_it_goes_on() {
         let mut watch = watch(Delay::Microstep);
-        // The last tags of each time come 5 s late, and the next time at once; then it does not keep up.
+        // Time stands still for 5 s; then it goes on, and the program does not keep up.
         for number in 0..1_000 {
             let now = PhysicalTime(i64::from(number) * 5 * MS);
             assert_eq!(watch.begins(Tag::new(0, number), PhysicalTime(0), now), None);

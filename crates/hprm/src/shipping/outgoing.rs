@@ -22,7 +22,7 @@ const PAUSE: Nanos = 500_000_000;
 const GIVE_UP: Nanos = 60_000_000_000;
 
 /// How many links may end, one after the other, without a receipt before the first shipment counts as lost.
-const IN_VAIN: u32 = 4;
+pub(super) const IN_VAIN: u32 = 4;
 
 /// How many bytes are given before others have their turn.
 const TURN: usize = 1 << 20;

@@ -10,7 +10,7 @@ use super::content::Content;
 use super::depot::Depot;
 use super::incoming::{Came, Incoming};
 use super::label::{Label, receipt};
-use super::outgoing::Outgoing;
+use super::outgoing::{IN_VAIN, Outgoing};
 use super::pipe::Pipe;
 
 const NOW: PhysicalTime = PhysicalTime(0);
@@ -263,8 +263,8 @@ proptest! {
     fn shipments_come_once_and_whole(
         lens in prop::collection::vec(1..600_000_usize, 1..6),
         compress in any::<bool>(),
-        // After one more without a receipt, a shipment would count as lost.
-        breaks in prop::collection::vec(0..12_usize, 0..4),
+        // After so many without a receipt, a shipment would count as lost.
+        breaks in prop::collection::vec(0..12_usize, 0..IN_VAIN as usize),
     ) {
         let delivered = send_all(&lens, compress, &breaks);
         prop_assert_eq!(delivered.len(), lens.len());
