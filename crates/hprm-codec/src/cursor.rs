@@ -7,8 +7,15 @@ use smallvec::SmallVec;
 use crate::format::{self, Malformed, NodeKind, Order};
 
 /// What has not been read of a head.
+///
+/// Only one word of it changes as it goes on. A slice would be two, and the processor would wait for both to be written
+/// whenever it is copied.
 #[derive(Clone, Copy, Debug)]
-pub struct Cursor<'a>(&'a [u8]);
+pub struct Cursor<'a> {
+    bytes: &'a [u8],
+    /// Where the first byte is that has not been read: within the bytes, or at their end.
+    at: usize,
+}
 
 /// Where the bytes of a blob are.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -35,14 +42,14 @@ impl<'a> Cursor<'a> {
     #[inline]
     #[must_use]
     pub fn new(bytes: &'a [u8]) -> Self {
-        Self(bytes)
+        Self { bytes, at: 0 }
     }
 
     /// What has not been read.
     #[inline]
     #[must_use]
     pub fn rest(&self) -> &'a [u8] {
-        self.0
+        self.bytes.get(self.at..).unwrap_or_default()
     }
 
     /// The kind of the node that begins here, which stays unread.
@@ -52,7 +59,7 @@ impl<'a> Cursor<'a> {
     /// If there is none, or if the byte is of no kind.
     #[inline]
     pub fn peek(&self) -> Result<NodeKind, Malformed> {
-        let byte = *self.0.first().ok_or(Malformed("it ends too early"))?;
+        let byte = *self.bytes.get(self.at).ok_or(Malformed("it ends too early"))?;
         NodeKind::of(byte).ok_or(Malformed("an unknown kind of value"))
     }
 
@@ -64,7 +71,7 @@ impl<'a> Cursor<'a> {
     #[inline]
     pub fn kind(&mut self) -> Result<NodeKind, Malformed> {
         let kind = self.peek()?;
-        self.0 = &self.0[1..];
+        self.at += 1;
         Ok(kind)
     }
 
@@ -76,12 +83,13 @@ impl<'a> Cursor<'a> {
     #[inline]
     pub fn number(&mut self) -> Result<u64, Malformed> {
         // Most numbers are small.
-        if let [byte @ 0..0x80, rest @ ..] = self.0 {
-            self.0 = rest;
+        if let Some(byte @ 0..0x80) = self.bytes.get(self.at) {
+            self.at += 1;
             return Ok((*byte).into());
         }
-        let (number, len) = format::number(self.0).ok_or(Malformed("it ends within a number"))?;
-        self.0 = &self.0[len..];
+        let number = format::number(self.rest());
+        let (number, len) = number.ok_or(Malformed("it ends within a number"))?;
+        self.at += len;
         Ok(number)
     }
 
@@ -93,7 +101,7 @@ impl<'a> Cursor<'a> {
     #[inline]
     pub fn count(&mut self) -> Result<usize, Malformed> {
         match usize::try_from(self.number()?) {
-            Ok(count) if count <= self.0.len() => Ok(count),
+            Ok(count) if count <= self.bytes.len() - self.at => Ok(count),
             _ => Err(Malformed("more entries than bytes")),
         }
     }
@@ -105,8 +113,8 @@ impl<'a> Cursor<'a> {
     /// If there are fewer.
     #[inline]
     pub fn take<const N: usize>(&mut self) -> Result<[u8; N], Malformed> {
-        let (taken, rest) = self.0.split_first_chunk().ok_or(Malformed("it ends too early"))?;
-        self.0 = rest;
+        let taken = self.rest().first_chunk().ok_or(Malformed("it ends too early"))?;
+        self.at += N;
         Ok(*taken)
     }
 
@@ -117,8 +125,8 @@ impl<'a> Cursor<'a> {
     /// If there are fewer.
     #[inline]
     pub fn bytes(&mut self, len: usize) -> Result<&'a [u8], Malformed> {
-        let (taken, rest) = self.0.split_at_checked(len).ok_or(Malformed("it ends too early"))?;
-        self.0 = rest;
+        let taken = self.rest().get(..len).ok_or(Malformed("it ends too early"))?;
+        self.at += len;
         Ok(taken)
     }
 
@@ -132,6 +140,21 @@ impl<'a> Cursor<'a> {
         let header = self.number()?;
         let len = usize::try_from(header >> 1).map_err(|_| Malformed("a buffer too long"))?;
         Ok(if header & 1 == 0 { Blob::Inline(self.bytes(len)?) } else { Blob::Part(len) })
+    }
+
+    /// The bytes of a blob that begins here, if it is short and they are here, as those of most texts: they are read at
+    /// once.
+    #[inline]
+    pub(crate) fn short_blob(&mut self) -> Option<&'a [u8]> {
+        let header = usize::from(*self.bytes.get(self.at)?);
+        if header >= 0x80 || header % 2 != 0 {
+            return None;
+        }
+        let start = self.at + 1;
+        let end = start + header / 2;
+        let blob = self.bytes.get(start..end)?;
+        self.at = end;
+        Some(blob)
     }
 
     /// What a node of an array has before its blob.

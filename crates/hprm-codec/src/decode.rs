@@ -78,7 +78,8 @@ fn whole<'a, S: DeserializeSeed<'a>>(
     if head.peek()? == NodeKind::Pickle {
         return Err(DecodeError::pickle());
     }
-    let mut walk = Walk { is_outline, ..Walk::new(head, parts) };
+    let mut walk = Walk::new(head, parts);
+    walk.is_outline = is_outline;
     let value = seed.deserialize(&mut walk)?;
     if walk.head.rest().is_empty() && walk.part == parts.len() {
         Ok(value)
@@ -122,6 +123,7 @@ type Placed<'a> = (&'a [u8], Option<&'a Arc<dyn Memory>>);
 type Number = Option<usize>;
 
 impl<'a> Walk<'a> {
+    #[inline]
     fn new(head: Cursor<'a>, parts: &'a [Arc<dyn Memory>]) -> Self {
         let seen = SmallVec::new();
         Self {
@@ -217,6 +219,13 @@ impl<'a> Walk<'a> {
         Ok(value)
     }
 
+    /// Reads the kind of a node that is read the first time, if it is this one: what most nodes are, at once.
+    #[inline]
+    fn begins_with(&mut self, kind: NodeKind) -> bool {
+        let begins = !self.repeating && self.head.peek() == Ok(kind);
+        begins && self.head.kind().is_ok()
+    }
+
     /// Counts what is read again, so that a few bytes cannot ask for much memory or time.
     #[inline]
     fn charge(&mut self, amount: usize) -> Result<(), DecodeError> {
@@ -263,9 +272,13 @@ impl<'a> Walk<'a> {
 
     #[inline]
     fn text(&mut self) -> Result<&'a str, DecodeError> {
-        let bytes = self.bytes()?;
-        Ok(std::str::from_utf8(bytes).map_err(|_| Malformed("a string that is not UTF-8"))?)
+        Ok(text_of(self.bytes()?)?)
     }
+}
+
+#[inline(always)]
+fn text_of(bytes: &[u8]) -> Result<&str, Malformed> {
+    std::str::from_utf8(bytes).map_err(|_| Malformed("a string that is not UTF-8"))
 }
 
 /// Methods that differ only in what they want.
@@ -279,21 +292,28 @@ macro_rules! wanting {
     };
 }
 
+/// Methods for integers of at most 64 bits.
+macro_rules! integers {
+    ($($method:ident),* $(,)?) => {
+        $(
+            #[inline]
+            fn $method<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+                match self.begins_with(NodeKind::Int) {
+                    true => visitor.visit_i64(format::unzigzag(self.head.number()?)),
+                    false => self.node(visitor, Want::Int),
+                }
+            }
+        )*
+    };
+}
+
 impl<'a> Deserializer<'a> for &mut Walk<'a> {
     type Error = DecodeError;
 
     wanting! {
         deserialize_any => Any,
         deserialize_bool => Scalar,
-        deserialize_i8 => Int,
-        deserialize_i16 => Int,
-        deserialize_i32 => Int,
-        deserialize_i64 => Int,
         deserialize_i128 => Wide,
-        deserialize_u8 => Int,
-        deserialize_u16 => Int,
-        deserialize_u32 => Int,
-        deserialize_u64 => Int,
         deserialize_u128 => UnsignedWide,
         deserialize_f32 => Float,
         deserialize_char => Scalar,
@@ -304,15 +324,30 @@ impl<'a> Deserializer<'a> for &mut Walk<'a> {
         deserialize_unit => Scalar,
         deserialize_seq => Seq,
         deserialize_map => Fields,
-        deserialize_identifier => Scalar,
     }
 
+    integers! {
+        deserialize_i8, deserialize_i16, deserialize_i32, deserialize_i64,
+        deserialize_u8, deserialize_u16, deserialize_u32, deserialize_u64,
+    }
+
+    #[inline]
     fn deserialize_f64<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, DecodeError> {
-        if self.head.peek() == Ok(NodeKind::Float) && !self.repeating {
-            self.head.kind()?;
-            return visitor.visit_f64(f64::from_le_bytes(self.head.take()?));
+        match self.begins_with(NodeKind::Float) {
+            true => visitor.visit_f64(f64::from_le_bytes(self.head.take()?)),
+            false => self.node(visitor, Want::Float),
         }
-        self.node(visitor, Want::Float)
+    }
+
+    #[inline]
+    fn deserialize_identifier<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+        match self.begins_with(NodeKind::Str) {
+            true => match self.head.short_blob() {
+                Some(name) => visitor.visit_borrowed_str(text_of(name)?),
+                None => visitor.visit_borrowed_str(self.text()?),
+            },
+            false => self.node(visitor, Want::Scalar),
+        }
     }
 
     fn deserialize_option<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, DecodeError> {

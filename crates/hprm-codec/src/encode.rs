@@ -119,7 +119,7 @@ impl Writer {
         self.inline(&complement[..bits as usize / 8 + 1]);
     }
 
-    #[inline]
+    #[inline(always)]
     fn blob(&mut self, bytes: &[u8]) -> Result<(), EncodeError> {
         if bytes.len() > INLINE_LIMIT {
             let copy = hprm_core::copy_of(bytes)?;
@@ -141,7 +141,7 @@ impl Writer {
         self.parts.push(source);
     }
 
-    #[inline]
+    #[inline(always)]
     fn text(&mut self, text: &str) -> Result<(), EncodeError> {
         self.kind(NodeKind::Str);
         self.blob(text.as_bytes())
@@ -249,7 +249,10 @@ impl<'w> Serializer for &'w mut Writer {
     }
 
     fn serialize_u64(self, value: u64) -> Result<(), EncodeError> {
-        self.serialize_u128(value.into())
+        match i64::try_from(value) {
+            Ok(value) => self.serialize_i64(value),
+            Err(_) => self.serialize_u128(value.into()),
+        }
     }
 
     fn serialize_u128(self, value: u128) -> Result<(), EncodeError> {

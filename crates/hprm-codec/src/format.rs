@@ -29,7 +29,7 @@ pub const DEPTH_LIMIT: u32 = 100;
 pub(crate) const LAYER_LIMIT: u32 = 500;
 
 /// How long most heads are, at most.
-const USUAL_HEAD: usize = 128;
+const USUAL_HEAD: usize = 160;
 
 /// How the description of a dtype begins that is NumPy's short name of it, as `<f4`.
 pub const SIMPLE: u8 = 0;
@@ -166,6 +166,19 @@ impl Head {
         }
     }
 
+    /// Appends the first `len` bytes of an array: all of it, and takes back the others. So many bytes at once are moved
+    /// without asking how many.
+    #[inline]
+    fn extend_from_start<const N: usize>(&mut self, bytes: [u8; N], len: usize) {
+        if N <= self.bytes.capacity() - self.bytes.len() {
+            let end = self.bytes.len() + len;
+            self.bytes.extend_from_slice(&bytes);
+            self.bytes.truncate(end);
+        } else {
+            self.extend_from_slice(&bytes[..len]);
+        }
+    }
+
     /// Whether there is memory for so many bytes more.
     fn reserve(&mut self, more: usize) -> bool {
         let is_there = self.bytes.try_reserve(more).is_ok();
@@ -216,28 +229,26 @@ pub fn put_number(head: &mut Head, number: u64) {
     if number < 0x80 {
         head.push(number as u8);
     } else {
-        put_digits(head, [].as_slice(), number);
+        let (digits, len) = digits(number);
+        head.extend_from_start(digits.to_le_bytes(), len);
     }
 }
 
 /// Appends the node of an integer.
 #[inline]
 pub(crate) fn put_integer(head: &mut Head, number: i64) {
-    put_digits(head, &[NodeKind::Int as u8], zigzag(number));
+    let (digits, len) = digits(zigzag(number));
+    head.extend_from_start((digits << 8 | NodeKind::Int as u128).to_le_bytes(), 1 + len);
 }
 
-/// Appends at most one byte and a number, all at once.
-fn put_digits(head: &mut Head, before: &[u8], number: u64) {
-    let mut bytes = [0; 1 + LONGEST];
-    let start = before.len();
-    bytes[..start].copy_from_slice(before);
+/// The bytes of a number, the first one lowest, and how many there are.
+fn digits(number: u64) -> (u128, usize) {
     let len = (u64::BITS - (number | 1).leading_zeros()).div_ceil(7) as usize;
     // All but the last byte say that another one follows.
     let more = MORE.checked_shr(8 * (9_u32.saturating_sub(len as u32))).unwrap_or(0);
-    bytes[start..][..8].copy_from_slice(&(spread(number) | more).to_le_bytes());
-    bytes[start + 8] = (number >> 56) as u8 & 0x7f | if len > 9 { 0x80 } else { 0 };
-    bytes[start + 9] = (number >> 63) as u8;
-    head.extend_from_slice(&bytes[..start + len]);
+    let ninth = (number >> 56) & 0x7f | if len > 9 { 0x80 } else { 0 };
+    let last = ninth | (number >> 63) << 8;
+    (u128::from(spread(number) | more) | u128::from(last) << 64, len)
 }
 
 /// Inserts `number` at byte `at`: how many entries there are, once they are written.

@@ -120,8 +120,8 @@ fn waiting_for_physical_time_allocates_nothing() {
     assert_eq!(short, long, "allocations of {few} and of {many} reactions");
 }
 
-/// A value of three words, and one that is larger.
-type Small = (u64, f64, u64);
+/// A value of eight words, and one that is larger.
+type Small = (u64, f64, [u64; 6]);
 type Large = [u64; 20];
 
 /// How many allocations a program in Rust makes: a timer and an action, a direct and a delayed connection, with values
@@ -156,7 +156,7 @@ fn allocations_with<T: Message + Copy>(value: T, timeout: Duration) -> u64 {
 fn small_values_of_any_type_need_no_allocation() {
     // The first run leaves the thread boxes for the others.
     let [_, short, long] = [1, 1, 100]
-        .map(|times| allocations_with::<Small>((1, 2.0, 3), times * Duration::from_micros(1)));
+        .map(|times| allocations_with::<Small>((1, 2.0, [3; 6]), times * Duration::from_micros(1)));
     assert_eq!(short, long);
 }
 

@@ -48,7 +48,7 @@ fn reactions_share_their_state_and_run_in_order() {
     assert_eq!(log.lines(), expected);
 }
 
-/// A value of more than three words.
+/// A value of more than eight words.
 #[derive(Clone, PartialEq, Debug)]
 struct Image {
     pixels: [u16; 100],

@@ -78,6 +78,7 @@ impl<'w, 'a> Pairs<'w, 'a> {
 impl<'a> MapAccess<'a> for &mut Pairs<'_, 'a> {
     type Error = DecodeError;
 
+    #[inline(always)]
     fn next_key_seed<K: DeserializeSeed<'a>>(
         &mut self,
         seed: K,
@@ -91,6 +92,7 @@ impl<'a> MapAccess<'a> for &mut Pairs<'_, 'a> {
         key.map(Some).map_err(|error| error.within(|| place::key(self.key)))
     }
 
+    #[inline(always)]
     fn next_value_seed<T: DeserializeSeed<'a>>(
         &mut self,
         seed: T,

@@ -54,6 +54,8 @@ impl<'w> Members<'w> {
         written.map_err(|error| self.in_variant(error.within(|| place::index(at))))
     }
 
+    // Inline, because the length of the key is known where a field is written.
+    #[inline(always)]
     fn field<T: Serialize + ?Sized>(
         &mut self,
         key: &'static str,
@@ -120,6 +122,7 @@ macro_rules! fields {
             type Ok = ();
             type Error = EncodeError;
 
+            #[inline(always)]
             fn serialize_field<T: Serialize + ?Sized>(
                 &mut self,
                 key: &'static str,

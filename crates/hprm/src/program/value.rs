@@ -16,7 +16,7 @@ use smallbox::{SmallBox, smallbox};
 
 /// What a port or an action can hold: any type that can be copied and read by several threads.
 ///
-/// Implemented for all such types. A value of up to three words needs no memory from the allocator, apart from what it
+/// Implemented for all such types. A value of up to eight words needs no memory from the allocator, apart from what it
 /// points to; a larger one is stored once, and its readers share it.
 ///
 /// ```
@@ -45,8 +45,9 @@ thread_local! {
     static SPARE: RefCell<Vec<Box<Content>>> = const { RefCell::new(Vec::new()) };
 }
 
-/// The room in a box: three words, and one for the place of an event that another thread has scheduled.
-type Space = [usize; 4];
+/// The room in a box: eight words, which a pose or a twist has at most, and one for the place of an event that another
+/// thread has scheduled.
+type Space = [usize; 9];
 
 /// What is in a box; nothing while the box is spare.
 type Content = Option<SmallBox<dyn Erased, Space>>;
