@@ -77,6 +77,7 @@ pub struct NoMemory(pub usize);
 /// # Errors
 ///
 /// If there is no memory for it.
+#[inline]
 pub fn copy_of(bytes: &[u8]) -> Result<Vec<u8>, NoMemory> {
     let mut copy = Vec::new();
     copy.try_reserve_exact(bytes.len()).map_err(|_| NoMemory(bytes.len()))?;

@@ -217,6 +217,18 @@ pub fn decode(buffer: &[u8]) -> Result<Option<(Frame, usize)>, CodecError> {
 }
 
 impl Decoder {
+    /// The plain message at the start of `buffer`, which most frames are, and the length of its frame. If that is anything
+    /// else, or not all of it is there, or wrong, [`next`](Self::next) tells what it is.
+    #[inline]
+    pub fn next_plain(&self, buffer: &[u8]) -> Option<(Frame, usize)> {
+        let (length, rest) = buffer.split_first_chunk::<LENGTH>()?;
+        let len = u32::from_le_bytes(*length) as usize;
+        if rest.first() != Some(&PLAIN_MESSAGE) || len > FRAME_LIMIT || self.incoming.is_some() {
+            return None;
+        }
+        Some((plain::message(rest.get(1..len)?).ok()?, LENGTH + len))
+    }
+
     /// Decodes the next frame, or the next chunk of a long message. `buffer` has the next bytes of the link. The
     /// caller removes the decoded bytes from it, and appends what is missing.
     ///
@@ -546,6 +558,12 @@ mod tests {
             let mut rest = bytes.as_slice();
             for frame in frames {
                 let (read, len) = decode(rest).unwrap().unwrap();
+                let parts = match &frame {
+                    Frame::Message { payload, .. } => Some(payload.parts.len()),
+                    _ => None,
+                };
+                let plain = (parts == Some(0)).then(|| (frame.clone(), len));
+                prop_assert_eq!(Decoder::default().next_plain(rest), plain);
                 prop_assert_eq!(read, frame);
                 rest = &rest[len..];
             }

@@ -384,6 +384,10 @@ impl Federate {
         let is_followed = matches!(input, Input::Board { .. } | Input::FromPeer { .. });
         match input {
             Input::FromRti(frame) => self.rti_frame(now, frame)?,
+            // Most frames are messages, and on this way they are moved once.
+            Input::FromPeer { from, frame: Frame::Message { channel, tag, payload } } => {
+                self.peer_message(from, (channel, tag), payload)?;
+            }
             Input::FromPeer { from, frame } => self.peer_frame(from, frame)?,
             Input::RtiLost => self.rti_lost(),
             Input::Rejoins => self.rejoin(),
@@ -479,7 +483,7 @@ impl Federate {
                 if spec.physical {
                     self.deliver_physical(now.since(start), EarlyMessage { channel, tag, payload });
                 } else if matches!(self.coordinator, Coordinator::Centralized(_)) {
-                    self.deliver(EarlyMessage { channel, tag, payload });
+                    self.deliver((channel, tag), payload);
                 } else {
                     return unexpected;
                 }
@@ -532,13 +536,6 @@ impl Federate {
             return Err(Fault::UnknownLink);
         }
         match frame {
-            Frame::Message { channel, tag, payload } => {
-                let spec = self.topology.channel(channel, Some(from), Some(self.me))?;
-                if spec.physical {
-                    return Err(Fault::Unexpected { frame: "Message" });
-                }
-                self.deliver(EarlyMessage { channel, tag, payload });
-            }
             Frame::PortAbsent { channel, tag } => {
                 self.topology.channel(channel, Some(from), Some(self.me))?;
                 if let Coordinator::Decentralized(machine) = &mut self.coordinator {

@@ -313,19 +313,18 @@ where
         let mut inputs = mem::take(&mut self.inputs);
         self.federation.read(&mut inputs)?;
         for (serial, input) in inputs.drain(..) {
-            match input {
-                input if self.federation.links.is_from_closed_link(serial, &input) => {}
-                Input::FromRti(frame @ Frame::ClockReply { .. }) => {
-                    if let Some(set) = self.federation.time.answered(&frame) {
-                        self.now = Clock::now();
-                        self.note_clock_set(set);
-                    }
-                }
-                input => {
-                    self.note_from_rti(&input);
-                    self.handle(input)?;
-                }
+            if self.federation.links.is_from_closed_link(serial, &input) {
+                continue;
             }
+            if let Input::FromRti(frame @ Frame::ClockReply { .. }) = &input {
+                if let Some(set) = self.federation.time.answered(frame) {
+                    self.now = Clock::now();
+                    self.note_clock_set(set);
+                }
+                continue;
+            }
+            self.note_from_rti(&input);
+            self.handle(input)?;
         }
         self.inputs = inputs;
         Ok(())

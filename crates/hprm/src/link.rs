@@ -357,6 +357,16 @@ impl Link {
         }
     }
 
+    /// The next whole frame that has been read, if it is a plain message, as most are. If there is none,
+    /// [`next_frame`](Self::next_frame) tells what there is.
+    #[inline]
+    pub(crate) fn next_plain_message(&mut self) -> Option<Frame> {
+        match self {
+            Self::Stream(link) => link.next_plain_message(),
+            Self::Queue(_) => None,
+        }
+    }
+
     /// The next whole frame that has been read, with the descriptor that came with it.
     pub(crate) fn next_frame(&mut self) -> Result<Option<(Frame, Option<OwnedFd>)>, CodecError> {
         match self {

@@ -24,7 +24,7 @@ use crate::wait::{
 };
 use crate::watch::WatchServer;
 use epoll_set::EpollSet;
-pub(crate) use polled_link::{Broken, PolledLink};
+pub(crate) use polled_link::{Arrivals, Broken, PolledLink};
 
 /// A time that has come, whatever the clock says.
 const NOW: PhysicalTime = PhysicalTime(0);

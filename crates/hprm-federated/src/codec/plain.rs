@@ -43,6 +43,7 @@ pub(super) fn append(
 }
 
 /// The message of a body, without the kind of the frame.
+#[inline]
 pub(super) fn message(body: &[u8]) -> Result<Frame, CodecError> {
     let (fixed, head) = body.split_first_chunk::<FIXED>().ok_or(CodecError::Malformed)?;
     let (channel, rest) = fixed.split_first_chunk::<4>().ok_or(CodecError::Malformed)?;

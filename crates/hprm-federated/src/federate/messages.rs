@@ -10,12 +10,31 @@ use crate::{Fault, Frame, Input, Output, codec};
 const RELEASES: usize = 4096;
 
 impl Federate {
-    pub(super) fn deliver(&mut self, message: EarlyMessage) {
+    /// A message on a direct link.
+    #[inline]
+    pub(super) fn peer_message(
+        &mut self,
+        from: FederateId,
+        (channel, tag): (ChannelId, Tag),
+        payload: Payload,
+    ) -> Result<(), Fault> {
+        if !self.startup.is_linked(from) {
+            return Err(Fault::UnknownLink);
+        }
+        if self.topology.channel(channel, Some(from), Some(self.me))?.physical {
+            return Err(Fault::Unexpected { frame: "Message" });
+        }
+        self.deliver((channel, tag), payload);
+        Ok(())
+    }
+
+    /// A message for the scheduler, once there is a start.
+    #[inline]
+    pub(super) fn deliver(&mut self, (channel, tag): (ChannelId, Tag), payload: Payload) {
         if self.startup.start().is_none() {
-            self.startup.keep(message);
+            self.startup.keep(EarlyMessage { channel, tag, payload });
             return;
         }
-        let EarlyMessage { channel, tag, payload } = message;
         let from = self.topology.channels().get(channel).map(|channel| channel.from);
         if from.is_some_and(|from| self.is_not_met(from)) {
             self.outputs.push_back(Output::Discard { payload });

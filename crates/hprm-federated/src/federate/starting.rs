@@ -3,6 +3,7 @@
 use hprm_core::{FederateId, PhysicalTime, Tag};
 
 use super::{Coordinator, Federate};
+use crate::startup::EarlyMessage;
 use crate::stop::Stop;
 use crate::{End, Frame, Output};
 
@@ -82,8 +83,8 @@ impl Federate {
         if let Some(showing) = &mut self.showing {
             showing.boards.starts_at(first);
         }
-        for message in early {
-            self.deliver(message);
+        for EarlyMessage { channel, tag, payload } in early {
+            self.deliver((channel, tag), payload);
         }
         // Physical messages that came before the start have been read.
         self.reached(first);

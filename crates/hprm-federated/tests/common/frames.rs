@@ -20,7 +20,12 @@ pub(crate) fn frames(mut bytes: &[u8]) -> Vec<Frame> {
     let mut frames = Vec::new();
     let mut decoder = Decoder::default();
     loop {
-        match decoder.next(bytes) {
+        let plain = decoder.next_plain(bytes);
+        let next = decoder.next(bytes);
+        if let Some((frame, len)) = plain {
+            assert_eq!(next, Ok(Decoded::Frame(frame, len)));
+        }
+        match next {
             Ok(Decoded::Frame(frame, len)) => {
                 assert!(len > 0 && len <= bytes.len(), "a frame of {len} bytes");
                 let mut again = Vec::new();

@@ -1,7 +1,9 @@
 //! A federate's links: to the RTI, and under decentralized coordination to its peers.
 //!
-//! It opens and accepts links and reads frames from them. The machine decides what a frame means.
+//! It opens and accepts links. `reading` takes the frames of peers from them, `writing` decides when frames leave. The
+//! machine decides what a frame means.
 
+mod reading;
 mod writing;
 
 use std::collections::BTreeMap;
@@ -624,91 +626,11 @@ impl FederateLinks {
         }
         Ok(())
     }
-
-    /// Reads the links with peers. A peer whose link is broken counts as lost, unless the link is opened
-    /// again.
-    fn read_peers(&mut self, inputs: &mut Vec<(LinkSerial, Input)>) -> Result<(), Failure> {
-        let Self {
-            polled: PolledLinks { outgoing, incoming, .. },
-            descriptors,
-            serials,
-            openings,
-            log,
-            ..
-        } = self;
-        let mut arriving = Arriving { descriptors, log, inputs };
-        // A peer has two links with this federate if both opened one. When the outgoing link ends, messages of
-        // the peer may still come over the incoming link, so the peer is lost only when that has ended too.
-        let mut ended = Vec::new();
-        for (&peer, polled) in outgoing.iter_mut().filter(|(_, it)| it.may_be_read()) {
-            let serial = serials.outgoing(peer);
-            let begun = arriving.inputs.len();
-            let end = arriving.read_peer(polled, (peer, serial))?;
-            let is_up = |(_, input): &(LinkSerial, Input)| matches!(input, Input::PeerUp(_));
-            if openings.contains(peer) && arriving.inputs[begun..].iter().any(is_up) {
-                openings.end(peer);
-            }
-            let Some(error) = end else { continue };
-            ended.push(peer);
-            if openings.contains(peer) {
-                if let Some(reason) = openings.failed(peer, &error, Clock::local()) {
-                    arriving.inputs.push((serial, Input::Unreachable { peer, reason }));
-                }
-            } else if !incoming.contains_key(&peer) {
-                arriving.inputs.push((serial, Input::PeerLost(peer)));
-            }
-        }
-        ended.drain(..).for_each(|peer| _ = outgoing.remove(&peer));
-        for (&peer, polled) in incoming.iter_mut().filter(|(_, it)| it.may_be_read()) {
-            let serial = serials.incoming(peer);
-            if arriving.read_peer(polled, (peer, serial))?.is_some() {
-                ended.push(peer);
-                arriving.inputs.push((serial, Input::PeerLost(peer)));
-            }
-        }
-        ended.drain(..).for_each(|peer| _ = incoming.remove(&peer));
-        Ok(())
-    }
 }
 
-/// Where what comes over the links with peers goes.
-struct Arriving<'a> {
-    descriptors: &'a mut Descriptors,
-    log: &'a mut FrameLog,
-    inputs: &'a mut Vec<(LinkSerial, Input)>,
-}
-
-impl Arriving<'_> {
-    /// Reads a link with a peer, if it is ready. Returns the error with which the link has ended, if it has
-    /// ended. The function fails only if this process lacks memory or descriptors, because then the link itself is
-    /// intact.
-    fn read_peer(
-        &mut self,
-        polled: &mut PolledLink,
-        (from, serial): (FederateId, LinkSerial),
-    ) -> Result<Option<io::Error>, Failure> {
-        let Self { descriptors, log, inputs } = self;
-        let open = polled.read(|frame, descriptor| {
-            log.received(Party::Federate(from), &frame);
-            if let Frame::PeerWelcome { .. } = frame {
-                inputs.push((serial, Input::PeerUp(from)));
-                return;
-            }
-            keep_descriptor(descriptors, &frame, descriptor);
-            inputs.push((serial, Input::FromPeer { from, frame }));
-        });
-        match open {
-            Ok(true) => Ok(None),
-            Ok(false) => Ok(Some(io::ErrorKind::ConnectionReset.into())),
-            Err(broken @ (Broken::Shortage(_) | Broken::Frame(CodecError::NoMemory(_)))) => {
-                Err(failure(broken))
-            }
-            Err(Broken::Link(error)) => Ok(Some(error)),
-            Err(Broken::Frame(error)) => {
-                Ok(Some(io::Error::new(io::ErrorKind::InvalidData, error)))
-            }
-        }
-    }
+/// The failure if this process has no memory for a message that it sends or receives.
+pub(super) fn no_memory(error: &dyn Display) -> Failure {
+    Failure::Memory(error.to_string())
 }
 
 /// Keeps the descriptor that came with a segment until the segment is mapped.
@@ -716,11 +638,6 @@ fn keep_descriptor(descriptors: &mut Descriptors, frame: &Frame, descriptor: Opt
     if let (Some((owner, _, carried)), Some(descriptor)) = (frame.carries(), descriptor) {
         descriptors.insert((owner, carried), descriptor);
     }
-}
-
-/// The failure if this process has no memory for a message that it sends or receives.
-pub(super) fn no_memory(error: &dyn Display) -> Failure {
-    Failure::Memory(error.to_string())
 }
 
 /// The failure of a federate that cannot read a link any further.

@@ -362,6 +362,16 @@ impl StreamLink {
         })
     }
 
+    /// The next whole frame that has been read, if it is a plain message. If there is none,
+    /// [`next_frame`](Self::next_frame) tells what there is.
+    #[inline]
+    pub(crate) fn next_plain_message(&mut self) -> Option<Frame> {
+        let Inbound { buffer, start, end, decoder, .. } = &mut self.inbound;
+        let (frame, len) = decoder.next_plain(&buffer[*start..*end])?;
+        *start += len;
+        Some(frame)
+    }
+
     /// The next whole frame that has been read, with the descriptor that came with it.
     pub(crate) fn next_frame(&mut self) -> Result<Option<(Frame, Option<OwnedFd>)>, CodecError> {
         let Inbound { buffer, start, end, missing, decoder, descriptors } = &mut self.inbound;

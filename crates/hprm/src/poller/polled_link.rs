@@ -19,6 +19,24 @@ pub(crate) struct PolledLink {
     is_ready: bool,
 }
 
+/// What takes the frames that a link brings. A closure does, if it has nothing to gain from what sort they are.
+pub(crate) trait Arrivals {
+    /// A frame has come, with the descriptor that it carries.
+    fn frame(&mut self, frame: Frame, descriptor: Option<OwnedFd>);
+
+    /// A plain message has come, which most frames are.
+    #[inline]
+    fn message(&mut self, message: Frame) {
+        self.frame(message, None);
+    }
+}
+
+impl<F: FnMut(Frame, Option<OwnedFd>)> Arrivals for F {
+    fn frame(&mut self, frame: Frame, descriptor: Option<OwnedFd>) {
+        self(frame, descriptor);
+    }
+}
+
 /// Why a link is not read any further.
 #[derive(Debug)]
 pub(crate) enum Broken {
@@ -53,22 +71,25 @@ impl PolledLink {
         self.is_ready |= is_ready;
     }
 
-    /// Reads what the link holds, up to a limit, and gives each frame to `arrive`: to be called if it
+    /// Reads what the link holds, up to a limit, and tells each frame: to be called if it
     /// [may hold anything](Self::may_be_read). Returns whether the other end is still open.
     ///
     /// # Errors
     ///
-    /// If the link cannot be read any further; `arrive` has got the frames before that.
-    pub(crate) fn read(
-        &mut self,
-        mut arrive: impl FnMut(Frame, Option<OwnedFd>),
-    ) -> Result<bool, Broken> {
+    /// If the link cannot be read any further; `arrivals` has got the frames before that.
+    pub(crate) fn read(&mut self, mut arrivals: impl Arrivals) -> Result<bool, Broken> {
         self.is_ready = false;
         for _ in 0..READS {
             let arrival = self.link.read();
             // Also if the read has failed: these frames came before that.
-            while let Some((frame, descriptor)) = self.link.next_frame().map_err(Broken::Frame)? {
-                arrive(frame, descriptor);
+            loop {
+                // Apart, because a message that is made where it goes is not moved.
+                while let Some(message) = self.link.next_plain_message() {
+                    arrivals.message(message);
+                }
+                let next = self.link.next_frame().map_err(Broken::Frame)?;
+                let Some((frame, descriptor)) = next else { break };
+                arrivals.frame(frame, descriptor);
             }
             match arrival.map_err(Broken::reading)? {
                 Arrival::Bytes => {}
