@@ -212,6 +212,16 @@ def test_an_executable_gets_no_terminal_and_is_no_thread(folder: Path, bench: Be
         assert said in err
 
 
+@pytest.mark.parametrize("program", ["Main.lf", "bin/federation"])
+def test_runs_of_executables_are_verified_as_processes(
+    folder: Path, bench: Bench, program: str
+) -> None:
+    process = bench.call("verify", "--runs", "3", program)
+    out, err = process.communicate(timeout=100)
+    assert process.returncode == 0, err
+    assert "3 runs did the same" in out
+
+
 def test_an_executable_that_is_a_federation_is_run_and_checked(folder: Path, bench: Bench) -> None:
     process = bench.call("run", "bin/federation")
     out, err = process.communicate(timeout=60)

@@ -63,7 +63,7 @@ fn run_all(arguments: &Verify) -> Result<ExitCode, Error> {
     signals::watch(move |signal| asks.send(signal).is_ok())
         .map_err(|error| Error::new(format!("cannot watch for Ctrl-C: {error}")))?;
     let folder = Folder::of(arguments)?;
-    let subject = Subject::of(&compiled.program);
+    let subject = Subject::of(&compiled);
     let stated = arguments.properties.stated();
     let runs: Vec<Run> = (1..=arguments.runs)
         .map(|number| Run {

@@ -25,6 +25,7 @@ use crate::dynamic::Dynamic;
 use crate::error::DecodeError;
 use crate::format::{self, DEPTH_LIMIT, LAYER_LIMIT, Malformed, NodeKind};
 use crate::memory::Memory;
+use crate::pickle::Pickle;
 use crate::slot::{ARRAY, DYNAMIC};
 
 /// How many bytes of a value may be read again by reference, however small it is.
@@ -74,11 +75,12 @@ fn whole<'a, S: DeserializeSeed<'a>>(
     parts: &'a [Arc<dyn Memory>],
     is_outline: bool,
 ) -> Result<S::Value, DecodeError> {
-    let (head, parts) = format::root(head, parts, |part| part.bytes())?;
-    if head.peek()? == NodeKind::Pickle {
-        return Err(DecodeError::pickle());
+    let (node, parts_of_node) = format::root(head, parts, |part| part.bytes())?;
+    if node.peek()? == NodeKind::Pickle {
+        return Err(DecodeError::pickle(Pickle::of(head, parts)));
     }
-    let mut walk = Walk::new(head, parts);
+    let parts = parts_of_node;
+    let mut walk = Walk::new(node, parts);
     walk.is_outline = is_outline;
     let value = seed.deserialize(&mut walk)?;
     if walk.head.rest().is_empty() && walk.part == parts.len() {

@@ -24,6 +24,8 @@ pub enum Dynamic {
     Bool(bool),
     /// An integer.
     Int(i128),
+    /// An integer that is too large for [`Int`](Self::Int).
+    Unsigned(u128),
     /// A floating-point number.
     Float(f64),
     /// Text.
@@ -59,6 +61,7 @@ impl Serialize for Dynamic {
                 Ok(number) => serializer.serialize_i64(number),
                 Err(_) => serializer.serialize_i128(*number),
             },
+            Self::Unsigned(number) => serializer.serialize_u128(*number),
             Self::Float(number) => serializer.serialize_f64(*number),
             Self::Str(text) => serializer.serialize_str(text),
             Self::Bytes(bytes) => serializer.serialize_bytes(bytes),
@@ -114,6 +117,10 @@ impl<'de> Visitor<'de> for DynamicVisitor {
         visit_string: String => Str,
         visit_bytes: &[u8] => Bytes,
         visit_byte_buf: Vec<u8> => Bytes,
+    }
+
+    fn visit_u128<E: de::Error>(self, number: u128) -> Result<Dynamic, E> {
+        Ok(i128::try_from(number).map_or(Dynamic::Unsigned(number), Dynamic::Int))
     }
 
     fn visit_unit<E: de::Error>(self) -> Result<Dynamic, E> {

@@ -7,6 +7,7 @@ use serde::de::{self, Expected, Unexpected};
 use serde::ser;
 
 use crate::format::Malformed;
+use crate::pickle::Pickle;
 use crate::place::{Place, quoted};
 
 /// Why a value cannot be encoded.
@@ -25,12 +26,13 @@ enum Cause {
     Malformed(Malformed),
     /// The system has no memory for the encoded value.
     NoMemory(NoMemory),
-    /// The value is a pickle.
-    Pickle,
+    /// The value is a pickle, and this is the class that it names first.
+    Pickle(Option<String>),
 }
 
-const PICKLE: &str = "the value has arrived as a pickle, which only Python can read (hint: send a dataclass, or a \
-    dict of numbers, strings, lists and NumPy arrays; the handbook page reference/codec lists what both sides know)";
+const PICKLE: &str = "which only Python can read (hint: send a dataclass, or a dict of numbers, strings, lists and \
+    NumPy arrays; the handbook page reference/codec lists what both sides know. With HPRM_PICKLE=deny in its environment, \
+    the sender says which part of the value needs a pickle)";
 
 impl Display for Cause {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -38,7 +40,10 @@ impl Display for Cause {
             Self::At(place, what) => write!(formatter, "{place}: {what}"),
             Self::Malformed(malformed) => malformed.fmt(formatter),
             Self::NoMemory(no_memory) => no_memory.fmt(formatter),
-            Self::Pickle => formatter.write_str(PICKLE),
+            Self::Pickle(None) => write!(formatter, "the value has arrived as a pickle, {PICKLE}"),
+            Self::Pickle(Some(class)) => {
+                write!(formatter, "the value has arrived as a pickle of {class}, {PICKLE}")
+            }
         }
     }
 }
@@ -75,8 +80,8 @@ impl DecodeError {
     }
 
     /// The value is a pickle.
-    pub(crate) fn pickle() -> Self {
-        Self(Box::new(Cause::Pickle))
+    pub(crate) fn pickle(pickle: Option<Pickle>) -> Self {
+        Self(Box::new(Cause::Pickle(pickle.and_then(|pickle| pickle.names))))
     }
 
     /// `found` has come where `expected` should.

@@ -530,7 +530,9 @@ fn program_hint(error: &ProgramError) -> Option<&'static str> {
             "give one of the connections a delay, `.after(Duration::ZERO)`, or reorder the reactions",
         ),
         ProgramError::TwoSources { .. } => Some(
-            "an input has one source: declare a multiport, `inputs(name, 2)`, and connect each to a channel of its own",
+            "a port has one source, a connection or a reaction, and `connect(from, to)` leads from an output of one \
+             reactor to an input of another one. For several sources declare a multiport, `inputs(name, 2)`, and \
+             connect each to a channel of its own",
         ),
         ProgramError::ConnectionLoop { .. } => Some("remove one of the connections"),
         ProgramError::InitialMode { .. } => {

@@ -312,6 +312,15 @@ fn what_is_out_of_reach_is_refused_by_name() {
         "the connection Main.a.b.out -> Main.c.inp does not lie in one reactor",
     ];
     assert_eq!(found, expected);
+    let found = mistakes(|program, [a_in, _, c_in], [a_out, _, c_out]| {
+        program.connect(a_in, c_in);
+        program.connect(a_out, c_out);
+    });
+    let expected = [
+        "the connection Main.a.inp -> Main.c.inp leads from an input to an input",
+        "the connection Main.a.out -> Main.c.out leads from an output to an output",
+    ];
+    assert_eq!(found, expected);
     let found = mistakes(|program, [a_in, b_in, _], [_, b_out, c_out]| {
         let timer = program.reactor("d", (), |d| {
             let timer = d.timer("t", MS, MS);
@@ -441,7 +450,7 @@ fn parts_of_another_reactor_are_refused_by_name_and_line() {
     });
     let expected = [
         (
-            "the connection Main.a.inp -> Main.b.inp does not lie in one reactor".to_owned(),
+            "the connection Main.a.inp -> Main.b.inp leads from an input to an input".to_owned(),
             line + 4,
         ),
         ("reaction Main.b.1 cannot read Main.a.inp".to_owned(), line + 2),

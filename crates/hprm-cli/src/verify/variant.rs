@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-use hprm_core::Program;
+use hprm_model::Compiled;
 
 /// A way to run a program.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -30,8 +30,8 @@ pub(super) enum Kind {
     Whole,
     /// Processes, threads, or as a whole.
     Federated,
-    /// Processes only: some come and go.
-    Transient,
+    /// Processes only: some come and go, or are executables.
+    Processes,
 }
 
 /// What is known of a program before it runs.
@@ -44,15 +44,17 @@ pub(super) struct Subject {
 
 impl Subject {
     /// That of a program.
-    pub(super) fn of(program: &Program) -> Self {
-        Self { kind: Kind::of(program), fast: program.properties.fast }
+    pub(super) fn of(compiled: &Compiled) -> Self {
+        Self { kind: Kind::of(compiled), fast: compiled.program.properties.fast }
     }
 }
 
 impl Kind {
-    fn of(program: &Program) -> Self {
-        match program.federates.values().any(|federate| federate.transient) {
-            true => Self::Transient,
+    fn of(compiled: &Compiled) -> Self {
+        let program = &compiled.program;
+        let come_and_go = program.federates.values().any(|federate| federate.transient);
+        match come_and_go || !compiled.executables.is_empty() {
+            true => Self::Processes,
             false if program.is_federated() => Self::Federated,
             false => Self::Whole,
         }
@@ -78,8 +80,8 @@ impl Variant {
         let (coordination, deployment) = match (kind, index % 5) {
             (Kind::Whole, _) => (None, Deployment::Usual),
             (_, 0) => (Some("centralized"), Deployment::Usual),
-            (Kind::Transient, 2 | 4) => (Some("decentralized"), Deployment::Usual),
-            (Kind::Transient, _) => (Some("centralized"), Deployment::Usual),
+            (Kind::Processes, 2 | 4) => (Some("decentralized"), Deployment::Usual),
+            (Kind::Processes, _) => (Some("centralized"), Deployment::Usual),
             (Kind::Federated, 1) => (None, Deployment::Whole),
             (Kind::Federated, 2) => (Some("decentralized"), Deployment::Usual),
             (Kind::Federated, 3) => (Some("centralized"), Deployment::Threads),
@@ -194,7 +196,7 @@ mod tests {
 
     #[test]
     fn a_program_that_follows_no_clock_is_never_decentralized_and_that_is_told() {
-        for kind in [Kind::Federated, Kind::Transient] {
+        for kind in [Kind::Federated, Kind::Processes] {
             let fast = Subject { kind, fast: true };
             let runs: Vec<_> = (1..=6).map(|number| Variant::of(number, fast)).collect();
             assert!(runs.iter().all(|run| run.coordination != Some("decentralized")), "{runs:?}");

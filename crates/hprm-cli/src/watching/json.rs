@@ -35,6 +35,7 @@ fn of(value: &Dynamic) -> Value {
             Ok(number) => json!(number),
             Err(_) => json!({ "int": number.to_string() }),
         },
+        Dynamic::Unsigned(number) => json!({ "int": number.to_string() }),
         Dynamic::Float(number) => match number.is_finite() {
             true => json!(number),
             false => json!({ "float": super::value::float(*number) }),

@@ -67,6 +67,7 @@ fn append(value: &Dynamic, limits: Limits, out: &mut String) {
         Dynamic::None => out.push_str("None"),
         Dynamic::Bool(value) => out.push_str(if *value { "True" } else { "False" }),
         Dynamic::Int(number) => push(out, number),
+        Dynamic::Unsigned(number) => push(out, number),
         Dynamic::Float(number) => out.push_str(&float(*number)),
         Dynamic::Str(text) => string(text, limits, out),
         Dynamic::Bytes(bytes) => byte_string(bytes, limits, out),

@@ -178,6 +178,7 @@ impl<'a> Walk<'a> {
                 (Err(_), Want::Any | Want::Wide) if i128::try_from(number).is_ok() => {
                     visitor.visit_i128(number as i128)
                 }
+                (Err(_), Want::Any) => visitor.visit_u128(number),
                 _ => Err(too_long(&visitor, &number)),
             },
             (Some(Long::Signed(number)), Want::Any | Want::Wide) => visitor.visit_i128(number),

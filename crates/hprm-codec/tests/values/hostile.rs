@@ -33,6 +33,7 @@ fn values() -> impl Strategy<Value = Dynamic> {
         any::<bool>().prop_map(Dynamic::Bool),
         any::<i64>().prop_map(|number| Dynamic::Int(number.into())),
         any::<i128>().prop_map(Dynamic::Int),
+        any::<u128>().prop_map(|number| Dynamic::Unsigned(number | 1 << 127)),
         (-1.0e9..1.0e9).prop_map(Dynamic::Float),
         any::<String>().prop_map(Dynamic::Str),
         vec(any::<u8>(), 0..9).prop_map(Dynamic::Bytes),

@@ -209,6 +209,11 @@ fn a_pickle_is_refused_with_advice() {
         text.starts_with("the value has arrived as a pickle, which only Python can read (hint: "),
         "{text}"
     );
+    // `pickle.dumps(decimal.Decimal(1), 5)`.
+    let pickle = b"\x80\x05\x95!\x00\x00\x00\x00\x00\x00\x00\x8c\x07decimal\x94\x8c\x07Decimal\x94\x93\x94\x8c\x011\x94\x85\x94R\x94.";
+    let blob = [2 * u8::try_from(pickle.len()).unwrap()];
+    let text = refused::<u8>(&[&[1, 14], blob.as_slice(), pickle, &[0]].concat());
+    assert!(text.starts_with("the value has arrived as a pickle of decimal.Decimal, "), "{text}");
 }
 
 #[test]

@@ -49,6 +49,7 @@ fn digest(value: &Dynamic) -> Digest {
         Dynamic::None => Digest::of_bytes("none", &[]),
         Dynamic::Bool(truth) => Digest::of_bytes("bool", &[u8::from(*truth)]),
         Dynamic::Int(number) => Digest::of_bytes("int", &bytes(*number)),
+        Dynamic::Unsigned(number) => Digest::of_bytes("int", &unsigned_bytes(*number)),
         Dynamic::Float(number) => {
             let number = if number.is_nan() { f64::NAN } else { *number };
             Digest::of_bytes("float", &number.to_le_bytes())
@@ -120,6 +121,7 @@ fn text(value: &Dynamic) -> String {
         Dynamic::None => "None".to_owned(),
         Dynamic::Bool(truth) => (if *truth { "True" } else { "False" }).to_owned(),
         Dynamic::Int(number) => number.to_string(),
+        Dynamic::Unsigned(number) => number.to_string(),
         Dynamic::Float(number) => format!("{number:?}"),
         Dynamic::Str(text) => {
             let count = text.chars().count();
@@ -190,10 +192,21 @@ fn bytes(number: i128) -> Vec<u8> {
     match i64::try_from(number) {
         Ok(number) => number.to_le_bytes().to_vec(),
         Err(_) => {
-            let bits = i128::BITS - number.unsigned_abs().leading_zeros();
-            number.to_le_bytes()[..=(bits / 8) as usize].to_vec()
+            let sign = if number < 0 { 0xff } else { 0 };
+            complement(number.to_le_bytes(), sign, number.unsigned_abs())
         }
     }
+}
+
+/// The same of an integer without a sign, if eight bytes are too few.
+fn unsigned_bytes(number: u128) -> Vec<u8> {
+    complement(number.to_le_bytes(), 0, number)
+}
+
+/// Two's complement with as many bytes as the bits of the magnitude and a sign need: up to seventeen.
+fn complement(digits: [u8; 16], sign: u8, magnitude: u128) -> Vec<u8> {
+    let bits = u128::BITS - magnitude.leading_zeros();
+    digits.into_iter().chain([sign]).take((bits / 8 + 1) as usize).collect()
 }
 
 /// Describes an array of any type of elements, whether a connection carries it or not.
@@ -268,6 +281,29 @@ mod tests {
         let tuple = Dynamic::Tuple(vec![Dynamic::Int(1), Dynamic::Float(0.5)]);
         let pair = describer.describe(&Value::new((1_u8, 0.5)));
         assert_eq!((pair.digest, pair.text.as_str()), (digest(&tuple), "tuple of 2"));
+    }
+
+    #[test]
+    fn an_integer_has_as_many_bytes_as_its_bits_and_its_sign_need() {
+        // As `n.to_bytes(n.bit_length() // 8 + 1, "little", signed=True)` of Python, or eight.
+        assert_eq!(bytes(i64::MIN.into()), [0, 0, 0, 0, 0, 0, 0, 0x80]);
+        assert_eq!(bytes(1 << 63), [0, 0, 0, 0, 0, 0, 0, 0x80, 0]);
+        assert_eq!(bytes(-1 << 64), [0, 0, 0, 0, 0, 0, 0, 0, 0xff]);
+        assert_eq!(bytes(i128::MAX), [[0xff; 15].as_slice(), &[0x7f]].concat());
+        assert_eq!(bytes(i128::MIN), [[0; 15].as_slice(), &[0x80, 0xff]].concat());
+        assert_eq!(unsigned_bytes(u128::MAX), [[0xff; 16].as_slice(), &[0]].concat());
+    }
+
+    #[test]
+    fn integers_that_differ_have_other_digests_however_large_they_are() {
+        let mut describer = Describer::default();
+        describer.add(Codec::of::<(u128, i128)>());
+        let of = |pair: (u128, i128)| describer.describe(&Value::new(pair));
+        let described =
+            [(u128::MAX, i128::MIN), (1 << 127, i128::MIN), (u128::MAX, i128::MAX)].map(of);
+        assert!(described.iter().all(|it| !it.opaque), "{described:?}");
+        assert_ne!(described[0].digest, described[1].digest);
+        assert_ne!(described[0].digest, described[2].digest);
     }
 
     #[test]

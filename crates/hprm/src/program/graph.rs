@@ -298,7 +298,20 @@ fn stray_connection(program: &Program, connection: &Connection) -> Option<Report
     if places[0].is_some() && places[0] == places[1] {
         return None;
     }
-    let [from, to] = [from, to].map(|port| program.port_name(*port));
+    let [from, to] = [from, to].map(|port| &program.ports[*port]);
+    let are_beside = program.reactors[from.reactor].parent == program.reactors[to.reactor].parent;
+    let [leads_from, leads_to] = [from, to].map(|port| match port.direction {
+        Direction::Input => "an input",
+        Direction::Output => "an output",
+    });
+    let [from, to] = [connection.from, connection.to].map(|port| program.port_name(port));
+    if are_beside {
+        let message =
+            format!("the connection {from} -> {to} leads from {leads_from} to {leads_to}");
+        let hint = "between two reactors that are beside one another, `connect(from, to)` leads from an output to an \
+                    input";
+        return Some(report(message).hint(hint));
+    }
     let message = format!("the connection {from} -> {to} does not lie in one reactor");
     let hint = "a reactor connects its own ports and those of the reactors directly inside it: lead the value through \
                 ports of the reactors in between";

@@ -218,7 +218,9 @@ impl Transport {
 
     fn unsent(&self, channel: ChannelId, error: &dyn std::fmt::Display) -> Failure {
         let [from, to] = self.ends(channel);
-        Failure::raised(Code::Connection { from, to }, error.to_string())
+        let source = Code::Connection { from, to };
+        let message = format!("{source}: {error}");
+        Failure::raised(source, message)
     }
 
     fn unread(&self, channel: ChannelId, expected: &str, error: &dyn std::fmt::Display) -> Failure {
