@@ -41,37 +41,43 @@ What bodies of ``.lf`` files know without an import is here as well, for modules
 # ruff: noqa: E402, I001
 from __future__ import annotations
 
-from hprm import _startup
+try:
+    from hprm import _startup
 
-# Before anything that takes time to load.
-_startup.quiet()
+    # Before anything that takes time to load.
+    _startup.quiet()
 
-from hprm._classes import Make, ReactorBase
-from hprm._hprm import Tag, action_capsule_t, port_capsule
-from hprm._memory import empty, empty_like
-from hprm._time import (
-    BILLION,
-    DAY,
-    DAYS,
-    FOREVER,
-    HOUR,
-    HOURS,
-    MINUTE,
-    MINUTES,
-    MSEC,
-    MSECS,
-    NEVER,
-    NSEC,
-    NSECS,
-    SEC,
-    SECS,
-    USEC,
-    USECS,
-    WEEK,
-    WEEKS,
-    instant_t as instant_t,
-    interval_t as interval_t,
-)
+    from hprm._classes import Make, ReactorBase
+    from hprm._hprm import Tag, action_capsule_t, port_capsule
+    from hprm._memory import empty, empty_like
+    from hprm._time import (
+        BILLION,
+        DAY,
+        DAYS,
+        FOREVER,
+        HOUR,
+        HOURS,
+        MINUTE,
+        MINUTES,
+        MSEC,
+        MSECS,
+        NEVER,
+        NSEC,
+        NSECS,
+        SEC,
+        SECS,
+        USEC,
+        USECS,
+        WEEK,
+        WEEKS,
+        instant_t as instant_t,
+        interval_t as interval_t,
+    )
+except (ImportError, AttributeError) as error:
+    from hprm import _hidden
+
+    _hidden.refuse(error)
+    raise
 
 # Each start would wait for `typing`, which takes as long as the rest of this.
 TYPE_CHECKING = False
@@ -113,7 +119,13 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'hprm' has no attribute {name!r}")
     import importlib
 
-    value = globals()[name] = getattr(importlib.import_module(module), name)
+    try:
+        value = globals()[name] = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        from hprm import _hidden
+
+        _hidden.refuse(error)
+        raise
     return value
 
 

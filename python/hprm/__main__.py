@@ -127,10 +127,10 @@ def _declare(options: argparse.Namespace) -> int:
 
     Return the exit code.
     """
-    from hprm import _loading
-
     sys.argv = [options.file, *options.arguments]
     try:
+        from hprm import _loading
+
         declared = _loading.load(options.file, options.property)
         code, lines = 0, [declared.text]
     except BaseException as error:

@@ -40,6 +40,11 @@ class Construction:
         #: What it contains: by name, a reactor, or the members of a bank.
         self.children: dict[str, Reactor | list[Reactor]] = {}
 
+    def leave_container(self) -> None:
+        """Let the reactor be in no other one, as it was made."""
+        self.container = None
+        self.name, self.member = "", None
+
 
 _local = threading.local()
 

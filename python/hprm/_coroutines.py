@@ -24,18 +24,18 @@ def called(function: Callable[..., Any]) -> Callable[..., Any]:
         return function
 
     @functools.wraps(function)
-    def run(reactor: object) -> None:
-        _loop().run_until_complete(_alone(function, reactor))
+    def run(reactor: object) -> object:
+        return _loop().run_until_complete(_alone(function, reactor))
 
     return run
 
 
-async def _alone(function: Callable[..., Any], reactor: object) -> None:
-    """Run a body, and refuse tasks that it leaves behind, which would not run any more."""
+async def _alone(function: Callable[..., Any], reactor: object) -> object:
+    """Return what a body returns, and refuse tasks that it leaves behind, which would not go on."""
     import asyncio
 
     before = asyncio.all_tasks()
-    await function(reactor)
+    returned: object = await function(reactor)
     left = [task for task in asyncio.all_tasks() - before if not task.done()]
     for task in left:
         task.cancel()
@@ -46,6 +46,7 @@ async def _alone(function: Callable[..., Any], reactor: object) -> None:
             f"{name} was not done at the end of the reaction that started it: await it, or run it"
             " with hprm.background(...) and schedule a physical action when it is done"
         )
+    return returned
 
 
 def _loop() -> asyncio.AbstractEventLoop:

@@ -32,6 +32,7 @@ class Declared:
         """
         if _construction.of(main).container is not None:
             raise ValueError(f"this {type(main).__name__} is contained in another reactor")
+        unbind(main)
         self.main = main
         self._federated = federated
         self.is_test = is_test
@@ -79,6 +80,20 @@ class Declared:
                     self._note(member, f"{name}.{called}[{index}]")
             else:
                 self._note(child, f"{name}.{called}")
+
+
+def unbind(reactor: Reactor) -> None:
+    """Let a reactor, and what it contains, have handles again: an earlier run has bound its parts.
+
+    Its state stays as that run has left it.
+    """
+    found = vars(reactor)
+    if found.pop("_hprm_api_", None) is not None:
+        for name in type(reactor)._hprm_parts_:
+            found.pop(name, None)
+    for child in _construction.of(reactor).children.values():
+        for member in child if isinstance(child, list) else [child]:
+            unbind(member)
 
 
 def load(path: str, properties: list[str]) -> Declared:

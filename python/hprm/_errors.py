@@ -11,12 +11,14 @@ import select
 import threading
 import traceback
 
+from hprm import _hidden
 from hprm._findings import SYNTAX
 from hprm._mistakes import ProgramError
 from hprm._places import shown
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from types import TracebackType
     from typing import Any, NamedTuple
 else:
     from hprm._records import NamedTuple
@@ -119,6 +121,9 @@ def _raised(error: BaseException, what: str, place: str, is_bound: bool) -> Desc
         return _syntax_error(error)
     if isinstance(error, ProgramError):
         return _program_error(error)
+    hiding = _hidden.found_in(error)
+    if hiding is not None and (hiding is error or is_of_others(error.__traceback__)):
+        return Description("mistake", message=hiding.message, file=hiding.file, hint=hiding.hint)
     trace = traceback.TracebackException.from_exception(error)
     _drop_own_frames(trace, set())
     name = type(error).__name__
@@ -165,6 +170,14 @@ def is_of_library(file: str) -> bool:
     return any(folder in file for folder in _LIBRARIES)
 
 
+def is_of_others(trace: TracebackType | None) -> bool:
+    """Tell whether an error was raised by this library, or by another one."""
+    last = ""
+    while trace is not None:
+        last, trace = trace.tb_frame.f_code.co_filename, trace.tb_next
+    return last.startswith(_OWN) or is_of_library(last)
+
+
 def _own(stack: traceback.StackSummary) -> list[traceback.FrameSummary]:
     """Return the frames that are neither of libraries nor, if there are others, of made code."""
     frames = [it for it in stack if not is_of_library(it.filename)]
@@ -187,6 +200,9 @@ def _is_here(frame: traceback.FrameSummary) -> bool:
 def _hint(error: BaseException, text: str) -> str | None:
     if isinstance(error, MemoryError):
         return _MEMORY
+    hiding = _hidden.found_in(error)
+    if hiding is not None:
+        return f"{hiding.message}: {hiding.hint}"
     try:
         # Only programs that fail pay for it.
         from hprm import _hints

@@ -7,13 +7,14 @@ them. What the tested one does is none of this.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Set
 from typing import Any, NamedTuple
 
 from hprm import _construction, _structure
 from hprm._connect import connect
 from hprm._duration import Time
 from hprm._hprm import nanoseconds
+from hprm._mistakes import one
 from hprm._parts import Action, Input, Output, Part, PhysicalAction
 from hprm._reactions import reaction, startup
 from hprm._reactor import Reactor
@@ -21,6 +22,9 @@ from hprm._types import accepted
 
 #: What a test states: by input or action, values with their times.
 Stated = Mapping[str, Iterable[tuple[Time, Any]]]
+
+# What has several entries, and is no list of times with values.
+_NO_LISTS = (str, bytes, Mapping)
 
 # A member of a bank: `cameras[1]`.
 _MEMBER = re.compile(r"(\w+)\[(\d+)\]")
@@ -37,6 +41,18 @@ class Fed(NamedTuple):
         """Whether it is an action."""
         return isinstance(self.part, Action)
 
+    @property
+    def min_delay(self) -> int:
+        """How long after the time in the test an event comes at least, in nanoseconds."""
+        if not self.is_action:
+            return 0
+        return _structure.time_of(self.owner, self.part, "min_delay") or 0
+
+    def tag_of(self, elapsed: int) -> tuple[int, int]:
+        """Return the earliest tag of an event at this time after the start."""
+        delay = self.min_delay
+        return (elapsed + delay, 1 if self.is_action and delay == 0 else 0)
+
     def __str__(self) -> str:
         """Return what it is."""
         return "action" if self.is_action else "input"
@@ -45,21 +61,30 @@ class Fed(NamedTuple):
 class Events:
     """The events that a test states for a reactor, by their times."""
 
-    def __init__(self, reactor: Reactor, stated: Stated) -> None:
-        """Take what a test states.
+    def __init__(self, reactor: Reactor, stated: Stated, timeout: Time) -> None:
+        """Take what a test states that ends at ``timeout``.
 
         Raises ``ValueError`` and ``TypeError``, which name the input and the time.
         """
         self.reactor = reactor
         self.fed: dict[str, Fed] = {}
         self.at: dict[int, dict[str, Any]] = {}
-        for name, values in stated.items():
+        self.timeout = timeout
+        self.end = nanoseconds(timeout)
+        for name, values in _by_name(stated):
             fed = self.fed[name] = _find(reactor, name)
-            for time, value in values:
+            for time, value in _pairs(fed, name, values):
                 self._add(fed, name, time, value)
 
     def _add(self, fed: Fed, name: str, time: Time, value: Any) -> None:
-        at = self.at.setdefault(nanoseconds(time), {})
+        elapsed = nanoseconds(time)
+        if fed.tag_of(elapsed) > (self.end, 0):
+            delay = " with its `min_delay`" if fed.min_delay else ""
+            raise ValueError(
+                f"the event of the {fed} {name} at {_unit(time)} comes{delay} after the timeout of"
+                f" the test, {_unit(self.timeout)}: state a later timeout=..."
+            )
+        at = self.at.setdefault(elapsed, {})
         if name in at:
             raise ValueError(f"the {fed} {name} has two values at {time}")
         _check(fed, name, time, value)
@@ -116,9 +141,50 @@ class Events:
             elif part.width_of(owner) is None:
                 getattr(feeder, name).set(value)
             else:
-                for channel, one in zip(getattr(feeder, name), value, strict=True):
-                    if one is not None:
-                        channel.set(one)
+                for channel, each in zip(getattr(feeder, name), value, strict=True):
+                    if each is not None:
+                        channel.set(each)
+
+
+def _by_name(stated: Any) -> Iterable[tuple[str, Any]]:
+    """Return what a test states for each name, unless it is stated in another way."""
+    form = f"write inputs={{{_form('NAME')}}}"
+    if not isinstance(stated, Mapping):
+        kind = one(type(stated).__name__)
+        raise TypeError(f"`inputs` is a dictionary, and this is {kind}: {form}")
+    for name in stated:
+        if not isinstance(name, str):
+            raise TypeError(f"`inputs` has names, and {_shown(name)} is none: {form}")
+    return stated.items()
+
+
+def _pairs(fed: Fed, name: str, values: Any) -> Iterator[tuple[Time, Any]]:
+    """Return the times and the values that a test states for one name."""
+    form = f"write inputs={{{_form(name)}}}"
+    if not isinstance(values, Iterable) or isinstance(values, _NO_LISTS):
+        raise TypeError(
+            f"the {fed} {name} takes a list of times with values, and {_shown(values)} is none:"
+            f" {form}"
+        )
+    for it in values:
+        pair: Any = () if isinstance(it, (*_NO_LISTS, Set)) else it
+        try:
+            time, value = pair
+        except (TypeError, ValueError):
+            raise TypeError(
+                f"the {fed} {name} takes a list of times with values, and its entry {_shown(it)}"
+                f" is no time with a value: {form}"
+            ) from None
+        yield time, value
+
+
+def _form(name: str) -> str:
+    """Return how values are stated for a name."""
+    return f'"{name}": [("0 ms", VALUE), ("10 ms", VALUE)]'
+
+
+def _unit(time: Time) -> str:
+    return f"{time} ns" if isinstance(time, int) else str(time)
 
 
 def _find(reactor: Reactor, name: str) -> Fed:
@@ -180,9 +246,9 @@ def _check(fed: Fed, name: str, time: Time, value: Any) -> None:
             f"the input {name} is a multiport of width {width}, and its value at {time} is"
             f" {_shown(value)}: write a list of {width} values, with None for an absent channel"
         )
-    for index, one in enumerate(value):
-        if one is not None:
-            _check_type(fed, f"{name}[{index}]", time, one)
+    for index, each in enumerate(value):
+        if each is not None:
+            _check_type(fed, f"{name}[{index}]", time, each)
 
 
 def _check_type(fed: Fed, name: str, time: Time, value: Any) -> None:

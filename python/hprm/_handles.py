@@ -7,9 +7,11 @@ can be read.
 
 from __future__ import annotations
 
+import linecache
 from typing import TYPE_CHECKING, NoReturn
 
-from hprm import _construction
+from hprm import _construction, _places
+from hprm._mistakes import ProgramError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -42,6 +44,16 @@ class Handle:
 
         connect(other, self)  # type: ignore[arg-type]
         return self
+
+    if not TYPE_CHECKING:
+
+        def __lshift__(self, _):
+            """Refuse to connect a port to one that sends to it."""
+            _refuse_left()
+
+        def __rlshift__(self, _):
+            """Refuse it for several ports, too."""
+            _refuse_left()
 
     def __getitem__(self, index: int) -> Handle:
         """Return the handle of one channel of a multiport."""
@@ -91,6 +103,17 @@ class Handle:
         if width is None or self._channel is not None:
             raise TypeError(f"{self} is not a multiport, so it has neither a length nor channels")
         return width
+
+
+def _refuse_left() -> NoReturn:
+    place = _places.here()
+    hint = "write SOURCE >> DESTINATION: the port that sends comes first"
+    if place.end >= 0:
+        text = linecache.getline(place.path, place.line).encode()[place.column : place.end]
+        left, _, right = text.decode(errors="replace").partition("<<")
+        if right and "<<" not in right:
+            hint = f"write {right.strip()} >> {left.strip()}: the port that sends comes first"
+    raise ProgramError("`<<` connects no ports; `>>` does", place, hint)
 
 
 def ports_of(reactor: Reactor) -> str:

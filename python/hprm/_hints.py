@@ -105,6 +105,12 @@ def _name(error: NameError, frames: list[FrameType]) -> str | None:
             hint = f"the reactor has it: write `self.{name}`"
         if hint is not None:
             return hint
+    if _has_classes():
+        from hprm import _meant
+
+        meant = _meant.by_name(name, frames)
+        if meant is not None:
+            return meant
     if isinstance(error, UnboundLocalError):
         return None
     frame = frames[-1]
@@ -134,16 +140,20 @@ def _attribute(error: AttributeError, frames: list[FrameType]) -> str | None:
             if meant is not None and reaction is not None:
                 return f"a body gets what its reaction names, without `self.`: {meant}"
             return meant or _names.did_you_mean(name, dir(thing))
-    # A reactor of a program in Python. Only a program with a mistake needs the modules.
-    from hprm._handles import ports_of
-    from hprm._reactor import Reactor
+    if _has_classes():
+        from hprm import _meant
 
-    if isinstance(thing, Reactor):
-        ports = ports_of(thing)
-        return f"its ports: {ports}" if ports else "it has no ports"
+        meant = _meant.by_attribute(thing, name)
+        if meant is not None:
+            return meant
     if not isinstance(thing, ModuleType) and sys.version_info >= (3, 12):
         return None
     return _names.did_you_mean(name, dir(thing))
+
+
+def _has_classes() -> bool:
+    """Whether the reactors of the program are classes: what is for these takes time to load."""
+    return "hprm._reactor" in sys.modules
 
 
 def _place(frames: list[FrameType]) -> tuple[ClassSource | None, ReactionSource | None]:

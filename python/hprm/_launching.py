@@ -16,7 +16,7 @@ import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from hprm import _construction, _duration, _hprm, _loading, _structure
+from hprm import _construction, _duration, _hprm, _loading, _nested, _structure
 from hprm._declared import Declared
 from hprm._duration import Time
 from hprm._mistakes import INTERRUPTED, WARNED, ProgramError, failed, one
@@ -57,7 +57,8 @@ def run(
     Raises
     ------
     ProgramError
-        If something is wrong with the program; nothing has run then.
+        If something is wrong with the program, or a reaction or a constructor of a reactor calls
+        this; nothing has run then.
     ProgramFailed
         If the program fails; what has happened is told on the standard error. It is a
         ``SystemExit``: a script that does not handle it ends with the exit code. After Ctrl-C it is
@@ -71,6 +72,7 @@ def run(
             here(),
             'put it below `if __name__ == "__main__":`, so that federates can import the file',
         )
+    _nested.refuse("hprm.run")
     main = program() if isinstance(program, type) else program
     if not isinstance(main, Reactor):
         raise TypeError(f"a program is a hprm.Reactor, not {one(type(main).__name__)}")
@@ -236,7 +238,11 @@ def _wait(start: Callable[[], subprocess.Popen[bytes]]) -> int:
             process.send_signal(number)
 
     try:
-        before = {it: signal.signal(it, forward) for it in (signal.SIGINT, signal.SIGTERM)}
+        numbers = [signal.SIGINT, signal.SIGTERM]
+        # Of the terminal that closes, unless the script is to outlive it (nohup).
+        if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+            numbers.append(signal.SIGHUP)
+        before = {it: signal.signal(it, forward) for it in numbers}
     except ValueError:
         # Only the main thread can; in another one, no signal comes.
         return _ended(start())

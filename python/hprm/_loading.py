@@ -1,8 +1,8 @@
 """Loading a program of Python objects from its file, in the processes that run it.
 
-The file is imported as a module under its own name, so what is below ``if __name__ == "__main__":``
-does not run. The program is the class, the object or the function that the caller names, or the one
-federation or reactor class that the file defines.
+The file is imported as a module under a name that ``hprm._module_names`` gives it, so what is below
+``if __name__ == "__main__":`` does not run. The program is the class, the object or the function
+that the caller names, or the one federation or reactor class that the file defines.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from functools import cache
 from types import FrameType, ModuleType
 from typing import Any, BinaryIO
 
-from hprm import _errors, _findings, _hprm, _parameters, _places, _threads
+from hprm import _errors, _findings, _hprm, _module_names, _parameters, _places, _threads
 from hprm._declared import Declared
 from hprm._mistakes import ProgramError
 from hprm._reactor import Federation, Reactor
@@ -109,9 +109,10 @@ def loading() -> str | None:
 
 
 def _import(file: str) -> ModuleType:
-    folder, name = _module_of(file)
+    folder, name = _module_names.of_file(file)
     if sys.path[:1] != [folder]:
         sys.path.insert(0, folder)
+    _module_names.tell_processes(file)
     package = name.rpartition(".")[0]
     if package:
         # For imports that are relative to it.
@@ -173,19 +174,6 @@ def _noticed_interrupts() -> Iterator[None]:
             signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def _module_of(file: str) -> tuple[str, str]:
-    """Return the folder from which a file is imported, and the name of its module there.
-
-    A file in a package is a module of it.
-    """
-    folder, base = os.path.split(os.path.abspath(file))
-    name = base.removesuffix(".py")
-    while os.path.isfile(os.path.join(folder, "__init__.py")):
-        folder, package = os.path.split(folder)
-        name = f"{package}.{name}"
-    return folder, name
-
-
 def _named(module: ModuleType, file: str, name: str) -> Any:
     found: Any = module
     for part in name.split("."):
@@ -213,21 +201,20 @@ def _programs(module: ModuleType) -> dict[str, type[Reactor]]:
 def _only(module: ModuleType, file: str) -> Any:
     """Return what a file defines as its program, if that is clear."""
     programs = _programs(module)
-    stem = module.__name__.rpartition(".")[2].replace("_", "").lower()
     federations = {name: it for name, it in programs.items() if issubclass(it, Federation)}
     # A main reactor has no ports.
     whole = {name: it for name, it in programs.items() if not _has_ports(it)}
     for candidates in (federations, programs, whole):
-        called = {name: it for name, it in candidates.items() if name.lower() in ("main", stem)}
+        called = {
+            name: it
+            for name, it in candidates.items()
+            if _module_names.is_called(name, module.__name__)
+        }
         for some in (candidates, called):
             if len(some) == 1:
                 return next(iter(some.values()))
     if not programs:
-        raise ProgramError(
-            f"{file} defines no reactor",
-            hint="a program is a class that extends hprm.Reactor or hprm.Federation",
-            code=_findings.NO_MAIN,
-        )
+        raise _none(module, file)
     names = list(whole or programs)
     raise ProgramError(
         f"{file} defines several reactors: {', '.join(names)}",
@@ -235,6 +222,30 @@ def _only(module: ModuleType, file: str) -> Any:
         hint=f"name the program: {' or '.join(f'{file}:{name}' for name in names[-3:])}",
         code=_findings.SEVERAL_MAINS,
     )
+
+
+def _none(module: ModuleType, file: str) -> ProgramError:
+    """Say that a file defines no reactor, and from where it imports one."""
+    message = f"{file} defines no reactor"
+    hint = "a program is a class that extends hprm.Reactor or hprm.Federation"
+    imported = {
+        name: value._hprm_place_.path
+        for name, value in vars(module).items()
+        if isinstance(value, type)
+        and issubclass(value, Reactor)
+        and not value.__module__.startswith("hprm.")
+        and not _has_ports(value)
+    }
+    wholes = [name for name in imported if _module_names.is_called(name, module.__name__)]
+    names = wholes or list(imported)
+    if len(names) == 1:
+        name = names[0]
+        path = _places.shown(imported[name])
+        message += f": {name} comes from {path}"
+        hint = f"run that: {path}; or name it: {file}:{name}"
+    elif names:
+        hint = f"name what it imports: {' or '.join(f'{file}:{name}' for name in names[-3:])}"
+    return ProgramError(message, hint=hint, code=_findings.NO_MAIN)
 
 
 def _has_ports(cls: type[Reactor]) -> bool:
@@ -257,6 +268,8 @@ def _made(found: Any, file: str, stated: dict[str, str]) -> Reactor:
     if call is not None:
         arguments, keywords = _Call(io.BytesIO(call), found).load()
     keywords |= _parameters.read(found, stated)
+    if call is None:
+        _parameters.refuse_missing(found, keywords)
     made = found(*arguments, **keywords)
     if not isinstance(made, Reactor):
         raise ProgramError(f"{file}: {found!r} gives a {type(made).__name__}, not a reactor")

@@ -6,6 +6,9 @@ lost. What is found here is known at the statement itself, so that is the place 
 
 from __future__ import annotations
 
+import linecache
+import re
+import sys
 from typing import Any
 
 from hprm import _findings, _places
@@ -29,6 +32,25 @@ class Namespace(dict[str, Any]):
             )
         _refuse_to_lose(name, self.get(name), value)
         super().__setitem__(name, value)
+
+    def __missing__(self, name: str) -> Any:
+        """Refuse ``self``, which a class body does not have; other names are looked for elsewhere.
+
+        Below ``def`` there is one, and a class in a function may use that of the function.
+        """
+        frame = sys._getframe(1)
+        if name == "self" and not (name in frame.f_globals or name in frame.f_code.co_freevars):
+            place = _places.here()
+            line = linecache.getline(place.path, place.line).encode()[place.column :]
+            found = re.match(rb"self\.(\w+)", line)
+            port = found[1].decode() if found else "NAME"
+            raise ProgramError(
+                "the body of a class has no `self`; only its methods have one",
+                place,
+                f"write `{port}`, without `self.`; a port of a contained reactor is a function:"
+                " lambda self: self.camera.image",
+            )
+        raise KeyError(name)
 
 
 def _refuse_to_lose(name: str, earlier: Any, value: Any) -> None:

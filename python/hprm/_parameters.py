@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import inspect
+from types import FunctionType
 from typing import Any
 
+from hprm import _places
 from hprm._mistakes import ProgramError, one
+from hprm._places import Place
 
 #: The options of ``hprm run``, one of which may be meant by a name that is none.
 OPTIONS = (
@@ -38,6 +41,38 @@ def read(found: Any, stated: dict[str, str]) -> dict[str, Any]:
             raise _unknown(name, option, list(known))
         values[name] = _value(parameter, text, option)
     return values
+
+
+def refuse_missing(found: Any, stated: dict[str, Any]) -> None:
+    """Raise ``ProgramError`` if a parameter has neither a stated value nor a default one."""
+    variable = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    missing = [
+        it
+        for name, it in inspect.signature(found).parameters.items()
+        if it.default is inspect.Parameter.empty and it.kind not in variable and name not in stated
+    ]
+    if not missing:
+        return
+    names = [it.name for it in missing]
+    some = f"parameter{'s' if len(names) > 1 else ''} {' and '.join(names)}"
+    hint = "a command line states values by name: give it a default value"
+    if all(it.kind is not inspect.Parameter.POSITIONAL_ONLY for it in missing):
+        options = " ".join(f"--{name.replace('_', '-')} VALUE" for name in names)
+        hint = f"state it on the command line, {options}, or give it a default value"
+    if len(names) > 1:
+        hint = hint.replace(" it ", " them ").replace("a default value", "default values")
+    called = getattr(found, "__qualname__", repr(found))
+    raise ProgramError(f"{called} needs a value for its {some}", _place(found), hint, "")
+
+
+def _place(found: Any) -> Place | None:
+    """Return where what makes the program is defined: its constructor, or else its class."""
+    made: Any = found
+    function = inspect.unwrap(made.__init__ if inspect.isclass(found) else found)
+    if isinstance(function, FunctionType):
+        return _places.of_function(function)
+    place: Place | None = getattr(found, "_hprm_place_", None)
+    return place
 
 
 def _unknown(name: str, option: str, known: list[str]) -> ProgramError:

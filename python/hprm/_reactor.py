@@ -76,6 +76,12 @@ class _Constructed(_Metaclass):
             try:
                 made.__init__(*arguments, **keywords)
                 _adopt(made, construction)
+            except AttributeError as error:
+                # Only a program with a mistake needs the module.
+                from hprm import _meant
+
+                _meant.refuse(error, made)
+                raise
             finally:
                 stack.pop()
             if outer is not None:

@@ -1,17 +1,19 @@
 """Bodies that Python runs without complaint, and that do not do what they seem to.
 
-A value that a reaction returns goes nowhere, which is an error. A coroutine that sleeps without
-awaiting stops all others of its federate, which is a warning.
+A value that a reaction returns goes nowhere, which is an error: found in the text of the body, or
+when it has run. A coroutine that sleeps without awaiting stops all others of its federate, which
+is a warning.
 """
 
 from __future__ import annotations
 
 import ast
 import inspect
+import reprlib
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import FunctionType
-from typing import cast
+from typing import NoReturn, cast
 
 from hprm import _trees
 from hprm._mistakes import ProgramError, warn
@@ -42,6 +44,30 @@ def check_returns(reaction: Reaction, body: FunctionType) -> None:
                 _place(node, body),
                 f"set an output: {example}; `return` alone ends the {what}",
             )
+
+
+def refuse_returned(body: Callable[..., object], value: object) -> NoReturn:
+    """Refuse what a body has returned when it ran."""
+    function = inspect.unwrap(body)
+    name = getattr(function, "__name__", "the body")
+    place = None
+    if isinstance(function, FunctionType):
+        tree, code = _trees.of(function), function.__code__
+        place = Place(code.co_filename, code.co_firstlineno)
+        place = place if tree is None else _place(tree, function)
+    if inspect.iscoroutine(value):
+        # It was never to run: Python need not say so, too.
+        value.close()
+        raise ProgramError(
+            f"{name} has returned a coroutine, {value.__name__}, which nothing awaits",
+            place,
+            f"write async def {name}, and await self.{value.__name__}(...) in it",
+        )
+    raise ProgramError(
+        f"{name} has returned {reprlib.repr(value)}, which goes nowhere",
+        place,
+        "set an output: self.NAME.set(...); `return` alone ends the body",
+    )
 
 
 def _is_value(value: ast.expr | None) -> bool:

@@ -28,10 +28,10 @@ def quiet() -> None:
     # What `-m` is while it looks for its module.
     if sys.argv[:1] != ["-m"] or not _MODULES & set(sys.orig_argv):
         return
+    sys.excepthook = _tell
     gc.disable()
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _end)
-    sys.excepthook = _tell
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
 
 
@@ -64,6 +64,14 @@ def _end(number: int, _frame: FrameType | None) -> None:
 
 
 def _tell(kind: type[BaseException], error: BaseException, _trace: TracebackType | None) -> None:
+    # Without the package, the error itself says so.
+    if "hprm" in sys.modules:
+        from hprm import _hidden
+
+        error = _hidden.found_in(error) or error
+    if isinstance(error, ImportError) and hasattr(error, "hint"):
+        print(f"error: {error}", file=sys.stderr)
+        return
     hint = "is memory left (ulimit -v, the limit of its container)? hprm doctor looks at the rest"
     print(
         f"error: HPRM cannot be loaded: {kind.__name__}: {error}\n  hint: {hint}", file=sys.stderr

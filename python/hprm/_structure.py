@@ -134,8 +134,8 @@ class _Structure:
         return {
             "name": part.name,
             "at": self._at(part.place),
-            "offset": _time(reactor, part, "offset"),
-            "period": _time(reactor, part, "period"),
+            "offset": time_of(reactor, part, "offset"),
+            "period": time_of(reactor, part, "period"),
             "mode": number(part.mode),
         }
 
@@ -144,8 +144,8 @@ class _Structure:
             "name": part.name,
             "at": self._at(part.place),
             "physical": part.physical,
-            "min_delay": _time(reactor, part, "min_delay"),
-            "spacing": _time(reactor, part, "spacing"),
+            "min_delay": time_of(reactor, part, "min_delay"),
+            "spacing": time_of(reactor, part, "spacing"),
             "policy": part.policy,
             "mode": number(part.mode),
         }
@@ -298,10 +298,15 @@ def _late(reactor: Reactor, place: Place, what: str, function: Callable[[Any], A
     except ProgramError:
         raise
     except Exception as error:
-        raise ProgramError(f"{what} raised {type(error).__name__}: {error}", place) from error
+        # Only a program with a mistake needs the module.
+        from hprm import _hints
+
+        message = f"{what} raised {type(error).__name__}: {error}"
+        raise ProgramError(message, place, _hints.of(error)) from error
 
 
-def _time(reactor: Reactor, part: Part, name: str) -> int | None:
+def time_of(reactor: Reactor, part: Part, name: str) -> int | None:
+    """Return a time of a timer or an action in nanoseconds; none if the class states none."""
     stated: Any = getattr(part, name)
     if callable(stated):
         stated = _late(reactor, part.place, f"the {name} of {part.name}", stated)

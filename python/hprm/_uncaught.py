@@ -1,7 +1,8 @@
 """What a script shows of an error in its program that it does not handle.
 
 A mistake in a program is shown with its line, as the command ``hprm`` does; the way there leads
-through this library and helps no reader. A program that Ctrl-C has stopped ends its script with
+through this library and helps no reader. So it is with a file that hides a module of Python's
+library, which this library uses. A program that Ctrl-C has stopped ends its script with
 the exit code of that. All other exceptions are shown as Python shows them.
 """
 
@@ -16,7 +17,7 @@ def show_mistakes() -> None:
 
 
 def _show(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-    from hprm import _hprm
+    from hprm import _errors, _hidden, _hprm
     from hprm._mistakes import ProgramError, ProgramInterrupted
 
     if isinstance(error, ProgramError) and error.location is not None:
@@ -27,5 +28,7 @@ def _show(kind: type[BaseException], error: BaseException, trace: TracebackType 
         # It is a `SystemExit`, too. Python 3.14 and newer would take it for a `KeyboardInterrupt`
         # alone, print it, and end the process by a signal.
         raise SystemExit(error.code)
+    elif (hiding := _hidden.found_in(error)) is not None and _errors.is_of_others(trace):
+        print(f"error: {hiding}", file=sys.stderr)
     else:
         sys.__excepthook__(kind, error, trace)

@@ -30,7 +30,8 @@ def run_reactor(request: pytest.FixtureRequest) -> Callable[..., Any]:
     def run(reactor: Any, **options: Any) -> testing.Result:
         __tracebackhide__ = True
         result = testing.run(reactor, **options)
-        runs.append((type(reactor).__name__, result.trace))
+        cls = reactor if isinstance(reactor, type) else type(reactor)
+        runs.append((cls.__name__, result.trace))
         return result
 
     return run

@@ -93,6 +93,46 @@ def test_a_value_that_a_reaction_returns_is_an_error(
 
 
 @pytest.mark.parametrize(
+    ("text", "message", "hint"),
+    [
+        (
+            "@hprm.reaction(hprm.startup)\ndef go(self):  # here\n    return self.work()\n"
+            "async def work(self):\n    pass",
+            "go has returned a coroutine, work, which nothing awaits",
+            "write async def go, and await self.work(...) in it",
+        ),
+        (
+            "@hprm.reaction(hprm.startup)\nasync def go(self):  # here\n"
+            "    await asyncio.sleep(0)\n    return self.helper()",
+            "go has returned 1, which goes nowhere",
+            "set an output: self.NAME.set(...); `return` alone ends the body",
+        ),
+        (
+            "@hprm.reaction(hprm.startup, deadline=0, late='fail')\ndef go(self):\n    pass\n"
+            "def fail(self):  # here\n    return self.helper()",
+            "fail has returned 1, which goes nowhere",
+            "set an output: self.NAME.set(...); `return` alone ends the body",
+        ),
+    ],
+)
+def test_what_a_body_has_returned_is_an_error_when_it_has_run(
+    tmp_path: Path, text: str, message: str, hint: str
+) -> None:
+    lines = [line for line in REACTOR.splitlines() if "out = " not in line]
+    path = tmp_path / "program.py"
+    path.write_text("\n".join([*lines, *(f"    {line}" for line in text.splitlines()), ""]))
+    outcome = subprocess.run(
+        [COMMAND, "run", path.name], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert outcome.returncode == 1
+    place = f"--> program.py:{line_of(str(path))}:5"
+    assert f"error[LF1008]: {message}\n" in outcome.stderr, outcome.stderr
+    assert place in outcome.stderr
+    assert f"hint: {hint}\n" in outcome.stderr
+    assert "never awaited" not in outcome.stderr
+
+
+@pytest.mark.parametrize(
     "text",
     [
         "@hprm.reaction(hprm.startup)\ndef go(self):\n    return None",

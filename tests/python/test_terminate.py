@@ -155,6 +155,78 @@ def test_one_signal_is_enough_for_a_reaction_in_python(bench: Bench, loop: str) 
     assert report["message"] == "the program has not stopped in order within 5 s: it ends now"
 
 
+SCRIPT = """\
+import hprm
+
+
+class Main(hprm.Reactor):
+    @hprm.reaction(hprm.startup)
+    def go(self):
+        print("runs", flush=True)
+        while True:
+            pass
+
+
+try:
+    hprm.run(Main())
+except hprm.ProgramFailed:
+    print("goes on", flush=True)
+    raise
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_one_signal_interrupts_a_reaction_of_a_script(bench: Bench, number: signal.Signals) -> None:
+    (bench.folder / "script.py").write_text(SCRIPT)
+    process = bench.python("script.py")
+    assert process.stdout is not None
+    assert process.stdout.readline() == "runs\n"
+    outcome = ask(process, number, 1)
+    assert outcome.code == 128 + number
+    assert "goes on" in outcome.out
+    assert "error: the program has not stopped in order within 5 s: it ends now" in outcome.err
+    assert "while True:" in outcome.err
+
+
+FEDERATION = """\
+import hprm
+
+
+class Motor(hprm.Reactor):
+    tick = hprm.Timer("20 ms")
+
+    @hprm.reaction(tick)
+    def turn(self):
+        print("turns", flush=True)
+
+    @hprm.reaction(hprm.shutdown)
+    def stop(self):
+        print("is off", flush=True)
+
+
+class Robot(hprm.Federation, timeout="30 s"):
+    def __init__(self):
+        self.left, self.right = Motor(), Motor()
+
+
+if __name__ == "__main__":
+    hprm.run(Robot())
+"""
+
+
+def test_a_terminal_that_closes_stops_the_federation_of_a_script_in_order(bench: Bench) -> None:
+    (bench.folder / "robot.py").write_text(FEDERATION)
+    process = bench.python("robot.py")
+    assert process.stdout is not None
+    assert "turns" in process.stdout.readline()
+    os.killpg(process.pid, signal.SIGHUP)
+    outcome = finish(process)
+    assert outcome.code == 128 + signal.SIGHUP
+    assert "[left] is off" in outcome.out
+    assert "[right] is off" in outcome.out
+    until(lambda: not bench.left(), "nothing is left")
+
+
 @pytest.mark.parametrize(("kind", "options"), ONE_PROCESS)
 def test_a_trace_is_cut_when_a_program_is_ended(
     bench: Bench, kind: str, options: list[str]

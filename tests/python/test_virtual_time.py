@@ -279,7 +279,7 @@ def test_a_time_that_stands_still_is_told_with_its_line(tmp_path: Path) -> None:
     process.communicate(timeout=60)
     assert process.returncode == 128 + signal.SIGTERM
     assert "warning: the logical time of the program has stood still for" in told
-    assert "reaction Bench.reactor.go (zeno.py:7) took longest" in told
+    assert "reaction Bench.Zeno.go (zeno.py:7) took longest" in told
     assert told.count("warning") == 1
 
 
@@ -370,7 +370,7 @@ class Limit(hprm.Reactor):
 def test_actions_of_federates_are_named_too() -> None:
     inputs = {"sensing.measured": [("1 ms", 2), ("2 ms", 5)]}
     first = hprm.testing.run(Watched(), inputs=inputs)
-    told = [line for line in first.trace if '"reaction":"Bench.reactor.sensing.2"' in line]
+    told = [line for line in first.trace if '"reaction":"Bench.Watched.sensing.2"' in line]
     assert [line.partition(',"reaction')[0] for line in told] == [
         '{"tag":[1000000,1]',
         '{"tag":[2000000,1]',

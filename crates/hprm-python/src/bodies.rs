@@ -22,18 +22,22 @@ pub(crate) struct Arguments {
 }
 
 impl Bodies {
-    /// Calls the function for a body of the reaction.
+    /// Calls the function for a body of the reaction. In a program in plain Python (`is_bound`) it must return nothing.
     ///
     /// # Errors
     ///
-    /// If Python raises one.
-    pub(crate) fn call(&self, py: Python<'_>, body: Body) -> PyResult<()> {
+    /// If Python raises one, or the body returns a value.
+    pub(crate) fn call(&self, py: Python<'_>, body: Body, is_bound: bool) -> PyResult<()> {
         let function = match body {
             Body::Main => &self.main,
             Body::Deadline => self.deadline.as_ref().unwrap_or(&self.main),
             Body::Tardy => self.tardy.as_ref().unwrap_or(&self.main),
         };
-        function.bind(py).call1(self.arguments.fresh(py)?)?;
+        let returned = function.bind(py).call1(self.arguments.fresh(py)?)?;
+        if is_bound && !returned.is_none() {
+            let slips = py.import("hprm._slips")?;
+            slips.call_method1("refuse_returned", (function, returned))?;
+        }
         Ok(())
     }
 }

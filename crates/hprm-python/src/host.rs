@@ -71,7 +71,7 @@ impl PyHost {
         });
         let here = (reaction, thread::ident(py));
         self.runtime.begin_reaction(scheduler, here, mem::take(effects), late);
-        let outcome = bodies.call(py, body);
+        let outcome = bodies.call(py, body, self.is_bound);
         if let Err(error) = &outcome {
             // Only while the reaction runs can its ports be asked.
             let (hints, error) = (py.import("hprm._hints"), error.clone_ref(py).into_value(py));

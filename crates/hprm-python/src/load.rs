@@ -105,12 +105,14 @@ pub(crate) fn load(
     let launched = !matches!(care, Care::Own(_));
     let interrupt = match care {
         Care::Own(what) => Interrupt::install(py, Handled::All, |progress| {
-            signals::stop_in_time(what, inbox.clone(), progress)
+            signals::stop_in_time(what, inbox.clone(), progress, true)
         }),
         Care::Launcher => {
             Interrupt::install(py, Handled::CtrlC, |_| signals::notice(inbox.clone()))
         }
-        Care::Caller => Interrupt::install(py, Handled::All, |_| signals::notice(inbox.clone())),
+        Care::Caller => Interrupt::install(py, Handled::All, |progress| {
+            signals::stop_in_time("the program".to_owned(), inbox.clone(), progress, false)
+        }),
     };
     let interrupt = interrupt.map_err(loading)?;
     Ok(PyHost {

@@ -103,11 +103,13 @@ pub(crate) fn forward(events: Sender<Observation>) -> impl FnMut(SignalEvent) ->
 }
 
 /// For a process that looks after itself: it stops in order, or ends at the latest when the [`StopTimer`]
-/// says so. `what` it runs is named to the user.
+/// says so. `what` it runs is named to the user. One that `ends` not by itself, because its caller goes on, as a script
+/// or a notebook, has its reactions interrupted in time, and no more.
 pub(crate) fn stop_in_time(
     what: String,
     inbox: Inbox<Value>,
     progress: Arc<Progress>,
+    ends: bool,
 ) -> impl FnMut(SignalEvent) -> Option<Duration> {
     let start = Instant::now();
     let mut timer = StopTimer::default();
@@ -131,6 +133,7 @@ pub(crate) fn stop_in_time(
                     let _ = kill_process(getpid(), signal);
                 }
             }
+            Some(StopStep::End { .. }) if !ends => {}
             Some(StopStep::End { signal, after }) => {
                 stalls::report_all();
                 // That takes a moment.
