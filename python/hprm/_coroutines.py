@@ -12,6 +12,8 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from hprm._mistakes import one
+
 if TYPE_CHECKING:
     import asyncio
 
@@ -65,6 +67,7 @@ class _Background:
     def __init__(self) -> None:
         self.lock = threading.Lock()
         self.loop: asyncio.AbstractEventLoop | None = None
+        self.thread: threading.Thread | None = None
 
     def start(self) -> asyncio.AbstractEventLoop:
         import asyncio
@@ -72,10 +75,10 @@ class _Background:
         with self.lock:
             if self.loop is None:
                 self.loop = asyncio.new_event_loop()
-                thread = threading.Thread(
+                self.thread = threading.Thread(
                     target=self.loop.run_forever, name="hprm background", daemon=True
                 )
-                thread.start()
+                self.thread.start()
             return self.loop
 
 
@@ -96,18 +99,34 @@ def background(coroutine: Any, action: Any = None) -> None:
     """
     import asyncio
 
+    if not inspect.isawaitable(coroutine):
+        call = f": call it, hprm.background({_name(coroutine)}(...))" if callable(coroutine) else ""
+        given = one(type(coroutine).__name__)
+        raise TypeError(f"hprm.background takes a coroutine, and this is {given}{call}")
+
     async def run() -> None:
         result = await coroutine
-        if action is not None:
+        if action is None:
+            return
+        try:
             action.schedule(0, result)
+        except TypeError as error:
+            raise TypeError(f"what {_name(coroutine)} has returned: {error}") from None
 
     future = asyncio.run_coroutine_threadsafe(run(), _background.start())
     future.add_done_callback(_tell)
+
+
+def _name(coroutine: Any) -> str:
+    """Return what a coroutine, or a function that makes one, is called."""
+    if inspect.ismethod(coroutine):
+        return f"self.{coroutine.__name__}"
+    return str(getattr(coroutine, "__qualname__", "the coroutine"))
 
 
 def _tell(future: Any) -> None:
     """Let an exception end the program, as that of a thread does."""
     error = None if future.cancelled() else future.exception()
     if error is not None:
-        arguments = (type(error), error, error.__traceback__, threading.current_thread())
+        arguments = (type(error), error, error.__traceback__, _background.thread)
         threading.excepthook(threading.ExceptHookArgs(arguments))

@@ -49,6 +49,12 @@ def explain_unpicklable(error: BaseException, pickler: str) -> None:
         setattr(error, _ATTRIBUTE, _UNPICKLABLE)
 
 
+def add(error: BaseException, text: str) -> None:
+    """Keep more with the hint of an error, if it has one."""
+    hint = of(error)
+    setattr(error, _ATTRIBUTE, text if hint is None else f"{hint}; {text}")
+
+
 def of(error: BaseException) -> str | None:
     """Return the hint for an exception."""
     if getattr(error, _ATTRIBUTE, None) is None:

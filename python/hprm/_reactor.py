@@ -103,8 +103,8 @@ class Reactor(Running, metaclass=_Constructed):
         of the class statement, ``class Main(hprm.Reactor, timeout="10 s")``, and count for the main
         reactor.
     fast : bool
-        Whether logical time runs ahead of the clock. Not for federations, and not for programs with
-        physical actions.
+        Whether logical time runs ahead of the clock. Not for decentralized federations, and not for
+        programs with physical actions.
     keepalive : bool
         Whether the program goes on when nothing is left to do.
     workers : int
@@ -201,6 +201,13 @@ class Reactor(Running, metaclass=_Constructed):
                     f"every reactor has an attribute `{name}` already",
                     part.place,
                     f"give the {part.kind} another name",
+                )
+        for reaction in cls._hprm_reactions_:
+            if _is_of_all(reaction.name):
+                raise ProgramError(
+                    f"every reactor has an attribute `{reaction.name}` already",
+                    reaction.place,
+                    "give the reaction another name",
                 )
         _class_body.check(cls)
         # What `help` and editors show of the constructor, which the metaclass calls.

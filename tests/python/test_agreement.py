@@ -46,7 +46,7 @@ def other(federation: Federation, text: str, *options: str) -> str:
     planner.assert_one_error("error: the RTI refuses this federate: its program differs from ")
     assert "hint: run the same files with the same properties everywhere" in planner.err
     # The RTI says the same.
-    told = hear(federation.members["rti"].stdout, "everywhere\n")
+    told = hear(federation.members["rti"].stdout, "or the environment\n")
     words = planner.err.partition("its program")[2]
     assert f"refused federate planner: its program{words.rstrip()}" in told
     return planner.err

@@ -251,7 +251,11 @@ REFUSED = [
     ("String", decimal.Decimal(1), "expected a string, found a decimal.Decimal" + ONLY_PYTHON),
     ("Dynamic", [datetime.date.min], "both know, found a datetime.date" + ONLY_PYTHON),
     ("Dynamic", cycle(), "`value[0]`: the value contains itself, which only Python can receive"),
-    ("Dynamic", Unnamed(), "a pickle, which only Python can read (hint: send a dataclass"),
+    (
+        "Dynamic",
+        Unnamed(),
+        "a pickle of test_codec.Unnamed, which only Python can read (hint: send a dataclass",
+    ),
 ]
 
 

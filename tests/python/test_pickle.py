@@ -77,6 +77,7 @@ def test_what_pickle_cannot_carry_has_a_hint(
     assert outcome.code == 1
     assert outcome.err.count("hint: ") == 1, outcome.err
     assert "hint: pickle carries no locks, open files or generators" in outcome.err
+    assert "; the first part that needs a pickle is `value" in outcome.err
 
 
 def test_an_error_of_a_method_that_pickle_calls_has_no_hint_about_pickle(launch: Run) -> None:

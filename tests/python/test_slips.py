@@ -133,6 +133,48 @@ def test_what_a_body_has_returned_is_an_error_when_it_has_run(
 
 
 @pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            "self.think, self.answer",
+            "reaction Main.go raised TypeError: hprm.background takes a coroutine, and this is a"
+            " method: call it, hprm.background(self.think(...))",
+        ),
+        (
+            "self.think(), self.answer",
+            "thread hprm background raised TypeError: what Main.think has returned: action answer"
+            " accepts int, and this is a value of type str",
+        ),
+    ],
+)
+def test_slips_with_background_are_told(tmp_path: Path, call: str, message: str) -> None:
+    path = tmp_path / "program.py"
+    path.write_text(
+        "import hprm\n\nclass Main(hprm.Reactor, timeout='20 s'):\n"
+        "    answer = hprm.PhysicalAction(int)\n"
+        "    @hprm.reaction(hprm.startup, effects=[answer])\n"
+        f"    def go(self):\n        hprm.background({call})\n"
+        "    async def think(self):\n        return 'much'\n"
+    )
+    outcome = subprocess.run(
+        [COMMAND, "run", path.name], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert outcome.returncode == 1
+    assert f"error: {message}\n" in outcome.stderr
+
+
+@pytest.mark.parametrize("name", ["elapsed", "request_stop", "__init__"])
+def test_a_reaction_takes_no_name_of_every_reactor(tmp_path: Path, name: str) -> None:
+    text = f"@hprm.reaction(hprm.startup)  # here\ndef {name}(self):\n    pass"
+    with pytest.raises(hprm.ProgramError) as raised:
+        check(tmp_path, text)
+    assert raised.value.location is not None
+    assert raised.value.location.line == line_of(raised.value.location.path)
+    assert f"every reactor has an attribute `{name}` already" in str(raised.value)
+    assert raised.value.hint == "give the reaction another name"
+
+
+@pytest.mark.parametrize(
     "text",
     [
         "@hprm.reaction(hprm.startup)\ndef go(self):\n    return None",

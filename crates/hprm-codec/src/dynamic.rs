@@ -16,6 +16,13 @@ use crate::memory::Memory;
 use crate::slot::{self, DYNAMIC, Incoming, IncomingArray};
 
 /// A value of any type that both Rust and Python know.
+///
+/// ```
+/// use hprm_codec::Dynamic;
+///
+/// let pose = Dynamic::Dict(vec![(Dynamic::Str("x".to_owned()), Dynamic::Float(0.5))]);
+/// assert_eq!(pose.get("x"), Some(&Dynamic::Float(0.5)));
+/// ```
 #[derive(Clone, PartialEq, Debug)]
 pub enum Dynamic {
     /// Nothing.

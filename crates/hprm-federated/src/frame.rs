@@ -173,7 +173,10 @@ impl Refusal {
             Self::WrongFederation => {
                 "check what --federation-file names: the secret must be the same everywhere"
             }
-            Self::WrongProgram { .. } => "run the same files with the same properties everywhere",
+            Self::WrongProgram { .. } => {
+                "run the same files with the same properties everywhere; constructors must make the same in each \
+                 process, so without random numbers, the time or the environment"
+            }
             Self::WrongProtocol => "run the same version of hprm everywhere",
             _ => return None,
         })

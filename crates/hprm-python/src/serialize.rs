@@ -78,8 +78,8 @@ pub(crate) fn encode(
     let (draft, pickled) = match encode::encode(value) {
         Ok(draft) => (draft, false),
         Err(EncodeError::Raised(error)) => return Err(error),
-        Err(EncodeError::NeedsPickle(_)) if trust.permits_pickle() => {
-            (encode::pickle(value)?, true)
+        Err(EncodeError::NeedsPickle(part)) if trust.permits_pickle() => {
+            (encode::pickle(value).inspect_err(|error| part.explain(py, error))?, true)
         }
         Err(EncodeError::NeedsPickle(part)) => return Err(part.refused(trust)),
     };

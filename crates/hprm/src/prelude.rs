@@ -54,9 +54,9 @@ pub use crate::Properties;
 pub use crate::Tag;
 
 pub use crate::{
-    Action, Array, Connections, Context, Element, Entry, Failure, Federate, Federation, InputPort,
-    Interface, Loan, LogicalAction, Message, Mode, Outcome, OutputPort, PhysicalAction, Port,
-    Ports, Program, ReactionBuilder, Reactor, ReactorBuilder, Readable, Reset, Restart, Runnable,
-    ScheduleError, Sender, Shutdown, Startup, Timer, Transfer, Triggers, WhenFull, run_as_federate,
-    run_as_federate_with,
+    Action, Array, Connections, Context, Dynamic, Element, Entry, Failure, Federate, Federation,
+    InputPort, Interface, Loan, LogicalAction, Message, Mode, Outcome, OutputPort, PhysicalAction,
+    Port, Ports, Program, ReactionBuilder, Reactor, ReactorBuilder, Readable, Reset, Restart,
+    Runnable, ScheduleError, Sender, Shutdown, Startup, Timer, Transfer, Triggers, WhenFull,
+    run_as_federate, run_as_federate_with,
 };

@@ -42,8 +42,17 @@ impl PickleOnly {
         self.path.push(place);
     }
 
-    /// The error of a sender that may not pickle.
-    pub(super) fn refused(&self, trust: Trust) -> PyErr {
+    /// Adds where the part is to the error of a pickle that has failed.
+    pub(super) fn explain(&self, py: Python<'_>, error: &PyErr) {
+        let text =
+            format!("the first part that needs a pickle is `{}`, {}", self.path(), self.what);
+        let hints = py.import("hprm._hints");
+        // Without it, the error itself is told nevertheless.
+        let _ = hints.and_then(|hints| hints.call_method1("add", (error.value(py), text)));
+    }
+
+    /// Where it is, as Python would write it.
+    fn path(&self) -> String {
         let mut path = "value".to_owned();
         for (at, step) in self.path.iter().rev().enumerate() {
             match at {
@@ -52,9 +61,15 @@ impl PickleOnly {
                 _ => path.push_str(step),
             }
         }
+        path
+    }
+
+    /// The error of a sender that may not pickle.
+    pub(super) fn refused(&self, trust: Trust) -> PyErr {
         PyTypeError::new_err(format!(
-            "`{path}` is {}, which only pickle can carry, and {}; send what needs no pickle, such as \
+            "`{}` is {}, which only pickle can carry, and {}; send what needs no pickle, such as \
              dicts, lists, arrays and dataclasses (handbook page concepts/serialization), or {}",
+            self.path(),
             self.what,
             trust.reason(),
             trust.remedy()
