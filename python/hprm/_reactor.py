@@ -202,13 +202,6 @@ class Reactor(Running, metaclass=_Constructed):
                     part.place,
                     f"give the {part.kind} another name",
                 )
-        for reaction in cls._hprm_reactions_:
-            if _is_of_all(reaction.name):
-                raise ProgramError(
-                    f"every reactor has an attribute `{reaction.name}` already",
-                    reaction.place,
-                    "give the reaction another name",
-                )
         _class_body.check(cls)
         # What `help` and editors show of the constructor, which the metaclass calls.
         signature = inspect.signature(cls.__init__)

@@ -163,17 +163,6 @@ def test_slips_with_background_are_told(tmp_path: Path, call: str, message: str)
     assert f"error: {message}\n" in outcome.stderr
 
 
-@pytest.mark.parametrize("name", ["elapsed", "request_stop", "__init__"])
-def test_a_reaction_takes_no_name_of_every_reactor(tmp_path: Path, name: str) -> None:
-    text = f"@hprm.reaction(hprm.startup)  # here\ndef {name}(self):\n    pass"
-    with pytest.raises(hprm.ProgramError) as raised:
-        check(tmp_path, text)
-    assert raised.value.location is not None
-    assert raised.value.location.line == line_of(raised.value.location.path)
-    assert f"every reactor has an attribute `{name}` already" in str(raised.value)
-    assert raised.value.hint == "give the reaction another name"
-
-
 @pytest.mark.parametrize(
     "text",
     [
