@@ -160,12 +160,20 @@ def test_nodes_start_when_others_have_ended(launch) -> None:
 
 # The same for functions, which get what has happened.
 FUNCTIONS = """
+import sys
+
+
+def say(*words):
+    # A whole line at once: other lines come from another thread.
+    sys.stdout.write(" ".join(map(str, words)) + "\\n")
+
+
 def started(event, context):
-    print("started", event.process_name, event.cmd[-1], event.pid > 0)
+    say("started", event.process_name, event.cmd[-1], event.pid > 0)
 
 
 def ended(event, context):
-    print("ended", event.process_name, event.returncode)
+    say("ended", event.process_name, event.returncode)
     return [late("called"), sh("echo beside")]
 
 
@@ -179,7 +187,7 @@ def warned(event):
 
 
 def shut(event, context):
-    print("shut", event.reason, event.due_to_sigint)
+    say("shut", event.reason, event.due_to_sigint)
     return LogInfo(msg="bye")
 
 
