@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from types import FunctionType
 from typing import NoReturn, cast
 
-from hprm import _trees
+from hprm import _places, _trees
 from hprm._mistakes import ProgramError, warn
 from hprm._parts import Output
 from hprm._places import Place
@@ -52,9 +52,8 @@ def refuse_returned(body: Callable[..., object], value: object) -> NoReturn:
     name = getattr(function, "__name__", "the body")
     place = None
     if isinstance(function, FunctionType):
-        tree, code = _trees.of(function), function.__code__
-        place = Place(code.co_filename, code.co_firstlineno)
-        place = place if tree is None else _place(tree, function)
+        tree = _trees.of(function)
+        place = _places.of_function(function) if tree is None else _place(tree, function)
     if inspect.iscoroutine(value):
         # It was never to run: Python need not say so, too.
         value.close()

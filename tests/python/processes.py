@@ -172,7 +172,11 @@ class Federation:
 
 
 def call(
-    *words: str | Path, cwd: Path, code: int = 0, environment: dict[str, str] | None = None
+    *words: str | Path,
+    cwd: Path,
+    code: int = 0,
+    environment: dict[str, str] | None = None,
+    timeout: float = 900,
 ) -> subprocess.CompletedProcess[str]:
     """Run a command to its end, which must have this exit code."""
     outcome = subprocess.run(
@@ -182,7 +186,7 @@ def call(
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
-        timeout=900,
+        timeout=timeout,
         check=False,
     )
     assert outcome.returncode == code, outcome.stdout + outcome.stderr

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import linecache
-import subprocess
 import sys
 import textwrap
 from itertools import count
 from pathlib import Path
 
 import pytest
+from processes import call
 
 import hprm
 from hprm._declared import load
@@ -64,16 +64,7 @@ def refused(tmp_path: Path, text: str) -> hprm.ProgramError:
 def told(tmp_path: Path, text: str) -> str:
     """Run a program that fails; return what it tells."""
     (tmp_path / "meant.py").write_text(BASE + textwrap.dedent(text) + PROGRAM)
-    done = subprocess.run(
-        [sys.executable, "meant.py"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert done.returncode == 1, done.stderr
-    return done.stderr
+    return call(sys.executable, "meant.py", cwd=tmp_path, code=1, timeout=60).stderr
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import textwrap
 from pathlib import Path
 
 import pytest
+from processes import call
 
 import hprm
 import hprm.testing
@@ -106,10 +107,7 @@ def test_what_a_reaction_calls_and_what_runs_instead_run_no_program(
 def test_federates_that_share_a_process_run_no_program(tmp_path: Path) -> None:
     outcome(tmp_path, base="Federation", body=f"{RUN}  # here", script="pass")
     command = [str(Path(sys.executable).with_name("hprm")), "run", "--in-process", "nested.py"]
-    done = subprocess.run(
-        command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
-    )
-    assert done.returncode == 1
+    done = call(*command, cwd=tmp_path, code=1, timeout=60)
     assert "federate source: hprm.run was called in a reaction" in done.stderr
 
 
@@ -140,10 +138,7 @@ def test_a_federate_is_made_by_no_constructor_that_runs_a_program(
     else:
         (tmp_path / "script.py").write_text("import nested, hprm\nhprm.run(nested.Main)\n")
     file = "script.py" if command[0] == sys.executable else "nested.py"
-    done = subprocess.run(
-        [*command, file], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
-    )
-    assert done.returncode == 1
+    done = call(*command, file, cwd=tmp_path, code=1, timeout=60)
     assert "hprm.run was called in the constructor of a reactor" in done.stderr
     assert f"--> nested.py:{line}:" in done.stderr
     assert done.stderr.count("error") == 1
